@@ -3,19 +3,16 @@
 
 use std::fs::OpenOptions;
 use std::io::{BufRead, BufReader, Write};
-use std::path::Path;
 use std::process::Stdio;
 
-use crate::common::{diptych, is_thorough, program};
+use crate::common::{Folder, is_thorough};
 use diptych::control::{Ladder, MIN_STEP, Measure, Rung};
 use diptych::quality::{Denoiser, Filter, Quality};
 use serde_json::Value;
 
-fn bench(out: &Path, options: &[&str]) -> Vec<Value> {
-    let args = ["bench", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
-    let output = diptych(&[&args, options].concat());
-    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+/// Measures the box; returns the events.
+fn bench(folder: &Folder, options: &str) -> Vec<Value> {
+    folder.run(&format!("bench builtin:cornell --json --out ./bench {options}")).events()
 }
 
 fn event<'a>(events: &'a [Value], name: &str) -> &'a Value {
@@ -28,31 +25,11 @@ const T: f64 = 6.0;
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn errors_fall_as_the_square_root_of_samples() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
+    let size = if is_thorough() { "96x64" } else { "48x32" };
+    let grid = "--reproject off --denoiser none --spp 2,8,32 --bounces 6 --repeats 12 --warm-up 0 --reference-spp 512";
     for sampler in ["pcg", "sobol"] {
-        let events = bench(
-            folder.path(),
-            &[
-                "--size",
-                if is_thorough() { "96x64" } else { "48x32" },
-                "--reproject",
-                "off",
-                "--denoiser",
-                "none",
-                "--spp",
-                "2,8,32",
-                "--bounces",
-                "6",
-                "--repeats",
-                "12",
-                "--warm-up",
-                "0",
-                "--reference-spp",
-                "512",
-                "--set",
-                &format!("sampler={sampler}"),
-            ],
-        );
+        let events = bench(&folder, &format!("--size {size} {grid} --set sampler={sampler}"));
         let origin = event(&events, "reference")["origin"].as_str().unwrap();
         assert_eq!(origin.contains("kept from an earlier run"), sampler == "sobol", "{origin}");
         let slopes = event(&events, "result")["slopes"].as_array().unwrap();
@@ -70,33 +47,27 @@ fn errors_fall_as_the_square_root_of_samples() {
 
 #[test]
 fn grid_writes_rows_plot_and_reference() {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, size) = (folder.path().join("out"), ["--size", "32x18", "--quick", "--repeats", "1"]);
-    let few = ["--bounces", "6", "--iterations", "3", "--reference-spp", "64", "--virtual", "2"];
-    let events = bench(&out, &[&size[..], &few].concat());
+    let folder = Folder::new();
+    let few = "--bounces 6 --iterations 3 --reference-spp 64 --virtual 2";
+    let events = bench(&folder, &format!("--size 32x18 --quick --repeats 1 {few}"));
     let rows = event(&events, "result")["rows"].as_array().unwrap().clone();
     assert!(rows.len() >= 4);
     assert!(rows.iter().all(|r| r["time_ms"].as_f64().unwrap() > 0.0 && r["errors"]["right"]["rmse"].is_f64()));
     assert!(rows.iter().any(|r| r["on_front"] == true));
-    let csv = std::fs::read_to_string(out.join("bench.csv")).unwrap();
+    let csv = folder.text("bench/bench.csv");
     assert_eq!(csv.lines().count(), 1 + 2 * rows.len(), "{csv}");
     let columns =
         ["denoiser", "scale", "spp", "eye", "time_ms", "rmse", "flip", "flicker", "flip_flicker", "flip_foveated"];
     for column in columns {
         assert!(csv.lines().next().unwrap().split(',').any(|c| c == column), "no {column} in {csv}");
     }
-    let svg = std::fs::read_to_string(out.join("bench.svg")).unwrap();
+    let svg = folder.text("bench/bench.svg");
     assert!(["atrous", "none", "noise of the reference"].iter().all(|text| svg.contains(text)));
 
     // The kept reference has the format of any image.
-    let kept = std::fs::read_dir(out.join("reference")).unwrap().next().unwrap().unwrap().path();
-    let again = folder.path().join("again");
-    let given = [
-        &size[..],
-        &["--denoiser", "none", "--bounces", "6", "--spp", "4", "--reference-images", kept.to_str().unwrap()],
-    ]
-    .concat();
-    let events = bench(&again, &given);
+    let kept = format!("./bench/reference/{}", folder.names("bench/reference")[0]);
+    let given = format!("--denoiser none --bounces 6 --spp 4 --reference-images {kept} --out ./again");
+    let events = folder.run(&format!("bench builtin:cornell --json --size 32x18 --quick --repeats 1 {given}")).events();
     assert!(event(&events, "reference")["noise"].is_null());
     let same = &event(&events, "result")["rows"][0]["errors"]["left"]["rmse"];
     let first = rows.iter().find(|r| r["denoiser"] == "none" && r["spp"] == 4).unwrap();
@@ -107,21 +78,16 @@ fn grid_writes_rows_plot_and_reference() {
 /// invalidates kept measurements, but not the kept reference.
 #[test]
 fn grid_measures_errors_at_the_exposure_of_its_shot() {
-    let folder = tempfile::tempdir().unwrap();
-    let (shot, out) = (folder.path().join("shot.toml"), folder.path().join("out"));
-    let setting = ["--size", "32x18", "--spp", "1", "--bounces", "2", "--denoiser", "none", "--repeats", "1"];
+    let folder = Folder::new();
     let at = |ev: &str| {
         let text = include_str!("../../../scenes/cornell.toml").to_owned() + &format!("\n[exposure]\nev = {ev}\n");
-        std::fs::write(&shot, text).unwrap();
-        let args = ["bench", shot.to_str().unwrap(), "--json", "--reference-spp", "16", "--out", out.to_str().unwrap()];
-        let output = diptych(&[&args[..], &setting].concat());
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        let text = String::from_utf8(output.stdout).unwrap();
-        let events: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        folder.write("shot.toml", text);
+        let setting = "--size 32x18 --spp 1 --bounces 2 --denoiser none --repeats 1 --reference-spp 16";
+        let events = folder.run(&format!("bench ./shot.toml --json {setting} --out ./bench")).events();
         let result = event(&events, "result");
         assert_eq!(result["exposure_ev"].to_string(), ev);
-        assert_eq!(Ladder::read(&out.join("ladder.toml")).unwrap().origin().exposure_ev.to_string(), ev);
-        let csv = std::fs::read_to_string(out.join("bench.csv")).unwrap();
+        assert_eq!(Ladder::read(&folder.path("bench/ladder.toml")).unwrap().origin().exposure_ev.to_string(), ev);
+        let csv = folder.text("bench/bench.csv");
         assert!(csv.starts_with("size,exposure_ev,") && csv.contains(&format!("32x18,{ev},")), "{csv}");
         let origin = event(&events, "reference")["origin"].as_str().unwrap().to_owned();
         (["rmse", "flip", "psnr"].map(|name| result["rows"][0]["errors"]["left"][name].as_f64().unwrap()), origin)
@@ -134,9 +100,9 @@ fn grid_measures_errors_at_the_exposure_of_its_shot() {
 }
 
 /// Returns the contents of all result files.
-fn results(out: &Path) -> Vec<String> {
-    let files = ["bench.csv", "bench.svg", "frames.csv", "ladder.toml", "ladder.svg"];
-    files.map(|name| std::fs::read_to_string(out.join(name)).unwrap()).into()
+fn results(folder: &Folder) -> [String; 5] {
+    ["bench.csv", "bench.svg", "frames.csv", "ladder.toml", "ladder.svg"]
+        .map(|name| folder.text(&format!("bench/{name}")))
 }
 
 fn count(events: &[Value], name: &str) -> usize {
@@ -145,23 +111,22 @@ fn count(events: &[Value], name: &str) -> usize {
 
 #[test]
 fn killed_bench_resumes_with_the_same_files() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path();
-    let options = ["--size", "32x18", "--quick", "--repeats", "2", "--reference-spp", "32"];
-    let args = ["bench", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
-    let mut killed = program(&[&args[..], &options].concat()).stdout(Stdio::piped()).spawn().unwrap();
+    let folder = Folder::new();
+    let options = "--size 32x18 --quick --repeats 2 --reference-spp 32";
+    let line = format!("bench builtin:cornell --json --out ./bench {options}");
+    let mut killed = folder.start(&line, Stdio::piped());
     let mut lines = BufReader::new(killed.stdout.take().unwrap()).lines();
     let first = lines.find_map(|l| Some(l.unwrap()).filter(|l| l.contains(r#""event":"setting""#))).unwrap();
     killed.kill().unwrap();
     killed.wait().unwrap();
     let first: Value = serde_json::from_str(&first).unwrap();
-    assert!(!out.join("bench.csv").exists());
-    let journal = out.join("bench.journal.jsonl");
-    let kept = std::fs::read_to_string(&journal).unwrap().lines().count();
+    assert!(!folder.path("bench/bench.csv").exists());
+    let kept = folder.text("bench/bench.journal.jsonl").lines().count();
+    let journal = folder.path("bench/bench.journal.jsonl");
     // A run that is killed may leave a truncated line.
     OpenOptions::new().append(true).open(&journal).unwrap().write_all(br#"{"subject":"#).unwrap();
 
-    let events = bench(out, &options);
+    let events = bench(&folder, options);
     let rows = event(&events, "result")["rows"].as_array().unwrap();
     assert_eq!((rows.len(), count(&events, "setting")), (16, 16 - kept));
     assert_eq!(rows[0]["time_ms"], first["time_ms"]);
@@ -171,25 +136,25 @@ fn killed_bench_resumes_with_the_same_files() {
     different.dedup();
     assert_eq!(different.len(), 16);
 
-    let done = results(out);
-    let events = bench(out, &options);
+    let done = results(&folder);
+    let events = bench(&folder, options);
     assert_eq!((count(&events, "setting"), count(&events, "frame")), (0, 0));
-    assert_eq!(results(out), done);
+    assert_eq!(results(&folder), done);
 
     // Different settings do not count as measured, and fresh ignores earlier results.
-    let seeded = [&options[..], &["--set", "seed=3", "--spp", "1", "--denoiser", "none", "--bounces", "6"]].concat();
-    assert_eq!(count(&bench(out, &seeded), "setting"), 1);
-    let fresh = [&options[..], &["--set", "fresh=on", "--spp", "1", "--denoiser", "none"]].concat();
-    assert_eq!(count(&bench(out, &fresh), "setting"), 2);
+    for (more, measured) in [("--set seed=3 --bounces 6", 1), ("--set fresh=on", 2)] {
+        let events = bench(&folder, &format!("{options} --spp 1 --denoiser none {more}"));
+        assert_eq!(count(&events, "setting"), measured, "{more}");
+    }
 }
 
 #[test]
 fn ladder_holds_the_best_measured_settings() {
-    let folder = tempfile::tempdir().unwrap();
-    let options = ["--size", "48x27", "--quick", "--spp", "1,8", "--iterations", "3", "--reference-spp", "64"];
-    let events = bench(folder.path(), &options);
+    let folder = Folder::new();
+    let options = "--size 48x27 --quick --spp 1,8 --iterations 3 --reference-spp 64";
+    let events = bench(&folder, options);
     let rows = event(&events, "result")["rows"].as_array().unwrap();
-    let ladder = Ladder::read(&folder.path().join("ladder.toml")).unwrap();
+    let ladder = Ladder::read(&folder.path("bench/ladder.toml")).unwrap();
     let rungs = ladder.rungs();
     assert!(rungs.len() > 1, "{ladder:?}");
     assert!(rungs.windows(2).all(|p| p[0].time_ms < p[1].time_ms && p[0].error > p[1].error), "{ladder:?}");
@@ -211,7 +176,7 @@ fn ladder_holds_the_best_measured_settings() {
     // that fit blocks are measured only on request.
     let others = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)].map(|denoiser| {
         let name = Denoiser::name_of(denoiser);
-        let ladder = Ladder::read(&folder.path().join(format!("ladder.{name}.toml"))).unwrap();
+        let ladder = Ladder::read(&folder.path(&format!("bench/ladder.{name}.toml"))).unwrap();
         assert!(ladder.rungs().iter().all(|r| r.quality.denoiser() == denoiser), "{ladder:?}");
         ladder
     });
@@ -222,8 +187,8 @@ fn ladder_holds_the_best_measured_settings() {
         rows.iter().find(is).unwrap()["errors"]["left"]["flicker"].as_f64().unwrap()
     };
     assert!(flicker("none") > 4.0 * flicker("svgf"), "{} and {}", flicker("none"), flicker("svgf"));
-    let path = folder.path().join("ladder.toml");
-    let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());
+    let judge = || bench(&folder, &format!("{options} --ladder ./bench/ladder.toml"));
+    let judged = judge();
     let regrets = event(&judged, "result")["regrets"].as_array().unwrap();
     assert_eq!((count(&judged, "setting"), regrets.len()), (0, rungs.len()));
     let error =
@@ -241,8 +206,8 @@ fn ladder_holds_the_best_measured_settings() {
     let scale = worst["scale"].as_f64().unwrap();
     let quality = Quality { spp: spp.into(), bounces, filter, scale, ..Quality::default() };
     let alone = Ladder::new(ladder.origin().clone(), vec![Rung { quality, ..rungs[0].clone() }]).unwrap();
-    alone.write(&path).unwrap();
-    let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());
+    alone.write(&folder.path("bench/ladder.toml")).unwrap();
+    let judged = judge();
     let found = &event(&judged, "result")["regrets"][0];
     let [of_rung, best, regret] = ["error", "best_error", "regret"].map(|name| found[name].as_f64().unwrap());
     assert!((of_rung - error(worst) / 2.0).abs() < 1e-9 && (regret - (of_rung / best - 1.0)).abs() < 1e-9, "{found}");
@@ -256,97 +221,71 @@ fn ladder_holds_the_best_measured_settings() {
 
 #[test]
 fn rejects_missing_or_unfit_references() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let render = ["render", "builtin:cornell", "--size", "16x8", "--out", out, "--quiet"];
-    assert!(diptych(&render).status.success());
-    for (reference, part) in [(out, "16x8"), ("/nowhere", "left.exr")] {
-        let output =
-            diptych(&["bench", "builtin:cornell", "--size", "32x18", "--out", out, "--reference-images", reference]);
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && text.contains(part), "{text}");
+    let folder = Folder::new();
+    folder.run("render builtin:cornell --size 16x8 --quiet --out ./small");
+    for (reference, part) in [("./small", "16x8"), ("/nowhere", "left.exr")] {
+        let line = format!("bench builtin:cornell --size 32x18 --out ./bench --reference-images {reference}");
+        let said = folder.try_run(&line);
+        assert!(said.status == Some(2) && said.errors.contains(part), "{line}: {}", said.errors);
+        assert!(!folder.path("bench/bench.csv").exists());
     }
-    // Each given setting must have an effect somewhere in the grid.
-    for (options, part) in [
-        (&["--foveation", "none", "--set", "polar=fov"][..], "polar has no effect"),
-        (&["--foveation", "none,log-polar", "--set", "unsampled_fraction=0.3"], "unsampled_fraction has no effect"),
-        (&["--denoiser", "none,atrous", "--set", "filter_once=on"], "filter_once has no effect"),
-    ] {
-        let output = diptych(&[&["bench", "builtin:cornell", "--out", out], options].concat());
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(2) && text.contains(part), "{text}");
-    }
-    assert!(!folder.path().join("bench.csv").exists());
+}
+
+/// Returns the folder of the reference that `bench` kept.
+fn reference(folder: &Folder) -> String {
+    let names = folder.names("bench/reference").into_iter().map(|name| format!("bench/reference/{name}"));
+    let path = names.into_iter().find(|name| folder.path(name).is_dir()).unwrap();
+    format!("./{path}")
 }
 
 /// Errors by kind of pixel are the same in `bench` and in `compare` of the same frame.
 #[test]
 fn errors_by_kind_of_pixel_have_columns_and_a_map() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let grid = ["--size", "48x32", "--spp", "1", "--bounces", "2", "--denoiser", "svgf", "--iterations", "5"];
-    let grid =
-        [&grid[..], &["--render-scale", "1", "--reference-spp", "64", "--set", "by_kind=on", "--report"]].concat();
-    let events = bench(Path::new(&out("bench")), &grid);
+    let folder = Folder::new();
+    let grid = "--size 48x32 --spp 1 --bounces 2 --denoiser svgf --iterations 5 --render-scale 1 --reference-spp 64";
+    let events = bench(&folder, &format!("{grid} --set by_kind=on --report"));
     let errors = &event(&events, "result")["rows"][0]["errors"]["left"];
     let value = |name: &str| errors[name].as_f64().unwrap();
     let kinds = ["silhouette", "crease", "reflection", "texture", "light_edge", "rest"];
     let parts: f64 = kinds.iter().map(|kind| value(&format!("part_{kind}"))).sum();
     assert!((parts - 1.0).abs() < 1e-6, "{errors}");
     assert!(errors["flip_reflection"].is_null() && value("flip_silhouette") > value("flip_rest"), "{errors}");
-    let csv = std::fs::read_to_string(out("bench") + "/bench.csv").unwrap();
+    let csv = folder.text("bench/bench.csv");
     assert!(csv.lines().next().unwrap().contains("flip_silhouette") && csv.contains("part_rest"), "{csv}");
-    assert!(std::fs::read_to_string(out("bench") + "/report.html").unwrap().contains("Errors by kind of pixel"));
+    assert!(folder.text("bench/report.html").contains("Errors by kind of pixel"));
 
     let aovs = "depth,normal,base_color,diffuse_albedo,specular_albedo,roughness";
-    let render = ["render", "builtin:cornell", "--size", "48x32", "--bounces", "2", "--out"];
-    let frame = out("frame");
-    assert!(diptych(&[&render[..], &[&frame, "--aov", aovs]].concat()).status.success());
-    let references = std::fs::read_dir(out("bench") + "/reference").unwrap();
-    let reference = references.map(|entry| entry.unwrap().path()).find(|path| path.is_dir()).unwrap();
-    let [reference, maps] = [reference.to_str().unwrap().to_owned(), out("maps")];
-    let compare = ["compare", &reference, &frame, "--by", "kind", "--maps", &maps];
-    let text = String::from_utf8(diptych(&compare).stdout).unwrap();
+    folder.run(&format!("render builtin:cornell --size 48x32 --bounces 2 --out ./frame --aov {aovs}"));
+    let compare = format!("compare {} ./frame --by kind --maps ./maps", reference(&folder));
+    let text = folder.run(&compare).out;
     assert!(text.contains("by kind of pixel, left eye") && text.contains("light_edge"), "{text}");
-    assert_eq!(image::open(maps.clone() + "/kind.png").unwrap().into_rgb8().dimensions(), (96, 32));
-    let json: Value = serde_json::from_slice(&diptych(&[&compare[..], &["--json"]].concat()).stdout).unwrap();
+    assert_eq!(image::open(folder.path("maps/kind.png")).unwrap().into_rgb8().dimensions(), (96, 32));
+    let json = folder.run(&format!("{compare} --json")).json();
     let found = json["left"]["by_kind"].as_array().unwrap();
     let pixels: f64 = found.iter().map(|kind| kind["pixels"].as_f64().unwrap()).sum();
     assert!((pixels - 1.0).abs() < 1e-9 && found[0]["kind"] == "silhouette", "{json}");
     assert_eq!(json["maps"], serde_json::json!(["error.png", "flip.png", "kind.png"]));
     assert!((0.02..0.4).contains(&found[0]["pixels"].as_f64().unwrap()), "{json}");
 
-    std::fs::remove_file(frame.clone() + "/right.depth.exr").unwrap();
-    let output = diptych(&compare);
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && text.contains("right.depth.exr") && text.contains(aovs), "{text}");
+    std::fs::remove_file(folder.path("frame/right.depth.exr")).unwrap();
+    folder.refuses(2, "", &format!("{compare} => right.depth.exr | {aovs}"));
 }
 
 /// Rivalry between the eyes is that of `compare`.
 #[test]
 fn rivalry_between_the_eyes_has_columns_and_maps() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let grid = ["--size", "48x32", "--spp", "1", "--bounces", "2", "--denoiser", "atrous", "--iterations", "5"];
-    let once = ["--render-scale", "1", "--reference-spp", "64", "--repeats", "1", "--warm-up", "0", "--report"];
-    let events = bench(Path::new(&out("bench")), &[&grid[..], &once].concat());
+    let folder = Folder::new();
+    let quality = "--size 48x32 --bounces 2 --denoiser atrous --iterations 5";
+    let grid = "--spp 1 --render-scale 1 --reference-spp 64 --repeats 1 --warm-up 0 --report";
+    let events = bench(&folder, &format!("{quality} {grid}"));
     let errors = &event(&events, "result")["rows"][0]["errors"];
     assert_eq!(errors["left"]["rivalry"], errors["right"]["rivalry"]);
-    let csv = std::fs::read_to_string(out("bench") + "/bench.csv").unwrap();
+    let csv = folder.text("bench/bench.csv");
     assert!(csv.lines().next().unwrap().contains(",rivalry,") && csv.contains("rivalry_seen"), "{csv}");
-    assert!(std::fs::read_to_string(out("bench") + "/report.html").unwrap().contains("Rivalry between the eyes"));
+    assert!(folder.text("bench/report.html").contains("Rivalry between the eyes"));
 
-    let frame = out("frame");
-    let render = ["render", "builtin:cornell", "--size", "48x32", "--bounces", "2", "--denoiser", "atrous"];
-    assert!(
-        diptych(&[&render[..], &["--iterations", "5", "--aov", "position,normal", "--out", &frame]].concat())
-            .status
-            .success()
-    );
-    let references = std::fs::read_dir(out("bench") + "/reference").unwrap();
-    let reference = references.map(|entry| entry.unwrap().path()).find(|path| path.is_dir()).unwrap();
-    let compare = diptych(&["compare", reference.to_str().unwrap(), &frame, "--json"]);
-    let found: Value = serde_json::from_slice(&compare.stdout).unwrap();
+    folder.run(&format!("render builtin:cornell {quality} --aov position,normal --out ./frame"));
+    let found = folder.run(&format!("compare {} ./frame --json", reference(&folder))).json();
     for measure in ["rivalry", "rivalry_seen", "rivalry_mean", "rivalry_p99", "unmatched"] {
         let [a, b] = [&errors["left"][measure], &found[measure]].map(|value| value.as_f64().unwrap());
         // bench has a second frame, with other noise.

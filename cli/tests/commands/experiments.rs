@@ -1,8 +1,7 @@
-//! Studies render what their tables say, and accept only their own options.
+//! Studies render what their tables say.
 
 use serde_json::Value;
 
-use crate::common::diptych;
 use crate::runs::{Run, run};
 
 fn number(value: &Value) -> f64 {
@@ -20,14 +19,6 @@ fn cited(run: &Run) -> usize {
 
 fn names<'a>(rows: &[&'a Value]) -> Vec<&'a str> {
     rows.iter().map(|row| row["arrangement"].as_str().unwrap()).collect()
-}
-
-#[track_caller]
-fn refused(args: &[&str], parts: &[&str]) {
-    let folder = tempfile::tempdir().unwrap();
-    let output = diptych(&[&["study"], args, &["--out", folder.path().to_str().unwrap()]].concat());
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && parts.iter().all(|p| text.contains(p)), "{args:?}: {text}");
 }
 
 #[test]
@@ -135,28 +126,4 @@ fn peres_measures_two_sizes() {
         }
     }
     assert_eq!(cited(run), 18 + 9);
-}
-
-/// The settings of all arrangements are read before the scene.
-#[test]
-fn studies_are_valid_up_to_their_scene() {
-    for study in ["leria", "bmfr", "koskela", "andersson", "peres", "seams"] {
-        refused(&[study, "missing.toml"], &["missing.toml"]);
-    }
-}
-
-#[test]
-fn studies_refuse_what_they_fix_or_do_not_read() {
-    refused(&["leria", "builtin:cornell", "--set", "devices=0"], &["two devices", "--virtual 2"]);
-    refused(&["leria", "--repeats", "3"], &["study leria", "--repeats"]);
-    refused(&["leria", "--virtual", "2", "--set", "ratios=1,2"], &["--simulate", "ratios"]);
-    refused(&["leria", "--set", "denoiser=svgf"], &["study leria", "denoiser"]);
-    refused(&["leria", "--set", "reproject=off"], &["study leria", "reproject"]);
-    refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
-    refused(&["bmfr", "--shots", "builtin:cornell,builtin:checker"], &["--shots", "Falcor"]);
-    refused(&["koskela", "--simulate", "3"], &["study koskela", "--simulate"]);
-    refused(&["peres", "--fraction", "0"], &["--fraction"]);
-    refused(&["andersson", "--conditions", "tomorrow"], &["tomorrow", "published"]);
-    refused(&["seams", "--conditions", "today"], &["study seams", "--conditions"]);
-    refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "andersson", "peres", "seams"]);
 }

@@ -6,7 +6,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-use crate::common::diptych;
+use crate::common::{Folder, Said};
 use crate::runs::{self, run};
 use crate::schema;
 
@@ -35,8 +35,7 @@ fn run_json_fits_its_schema() {
 
 /// Returns the long options in the help of a command.
 fn options_of(command: &str) -> BTreeSet<String> {
-    let output = diptych(&[command, "--help"]);
-    let help = String::from_utf8(output.stdout).unwrap();
+    let help = Folder::new().run(&format!("{command} --help")).out;
     // Descriptions are indented further.
     let lines = help.lines().filter(|line| line.trim_start().starts_with('-') && !line.starts_with("        "));
     let names = lines.filter_map(|line| line.split_once("--")?.1.split([' ', '.', '[']).next());
@@ -144,13 +143,9 @@ fn stripes_are_reported_for_stages_that_ran() {
     let json = run("render").json();
     let frame = &json["frames"][1];
     let told: BTreeSet<&str> = frame["stage_stripes"].as_object().unwrap().keys().map(String::as_str).collect();
-    let ran: BTreeSet<String> = frame["stages"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .filter(|sum| sum.get("bytes").is_none())
-        .map(|sum| format!("{}.{}", sum["stage"].as_str().unwrap(), sum["view"].as_str().unwrap()))
-        .collect();
+    let sums = frame["stages"].as_array().unwrap().iter().filter(|sum| sum.get("bytes").is_none());
+    let name = |sum: &Value| format!("{}.{}", sum["stage"].as_str().unwrap(), sum["view"].as_str().unwrap());
+    let ran: BTreeSet<String> = sums.map(name).collect();
     assert!(told.iter().copied().eq(ran.iter().map(String::as_str)), "{told:?} and {ran:?}");
     assert!(told.contains("svgf.left") && !told.contains("atrous.left"), "{told:?}");
     for rows in frame["stage_stripes"].as_object().unwrap().values() {
@@ -209,50 +204,40 @@ fn example_plots_every_kind_of_file() {
         ("peres", &["frames", "peres"]),
     ];
     for (name, plots) in runs_and_plots.into_iter().filter(|(name, _)| runs::is_looked_at(name)) {
-        let out = tempfile::tempdir().unwrap();
-        let output = Command::new(&python)
-            .args(["-W", "error", script])
-            .arg(run(name).folder())
-            .arg(out.path())
-            .env("MPLCONFIGDIR", out.path().join("config"))
-            .output()
-            .unwrap();
-        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
-        let found: BTreeSet<String> = std::fs::read_dir(out.path())
-            .unwrap()
-            .filter_map(|e| e.unwrap().file_name().to_str()?.strip_suffix(".png").map(str::to_owned))
-            .collect();
-        assert_eq!(found, plots.iter().map(|name| (*name).to_owned()).collect(), "{name}");
+        let out = Folder::new();
+        let mut command = Command::new(&python);
+        command.args(["-W", "error", script]).arg(run(name).folder()).arg(out.path(""));
+        Said::new(command.env("MPLCONFIGDIR", out.path("config")).output().unwrap()).success(name);
+        let found = out.names("");
+        assert!(
+            found.iter().filter_map(|name| name.strip_suffix(".png")).eq(plots.iter().copied()),
+            "{name}: {found:?}"
+        );
     }
 }
 
 /// Runs the box; returns the text on both streams.
-fn said(options: &[&str]) -> String {
-    let folder = tempfile::tempdir().unwrap();
-    let fixed = ["render", "builtin:cornell", "--size", "16x10", "--bounces", "1"];
-    let output = diptych(&[&fixed[..], options, &["--out", folder.path().to_str().unwrap()]].concat());
-    let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).unwrap()).concat();
-    assert!(output.status.success(), "{options:?}: {text}");
-    text
+fn said(options: &str) -> String {
+    Folder::new().run(&format!("render builtin:cornell --size 16x10 --bounces 1 --out ./ {options}")).all()
 }
 
 #[test]
 fn warns_of_frames_beyond_the_path_of_the_camera() {
     for (options, part) in [
-        (["--time", "100", "--frames", "1"], "path ends at 4 s, and its last key is held to 100 s"),
-        (["--time", "3.99", "--frames", "3"], "its last key is held to 4.01"),
-        (["--time", "-1", "--frames", "1"], "path begins at 0 s, and its first key is held from -1 s"),
+        ("--time 100 --frames 1", "path ends at 4 s, and its last key is held to 100 s"),
+        ("--time 3.99 --frames 3", "its last key is held to 4.01"),
+        ("--time -1 --frames 1", "path begins at 0 s, and its first key is held from -1 s"),
     ] {
-        let text = said(&options);
-        assert!(text.contains("warning: the camera's path") && text.contains(part), "{options:?}: {text}");
+        let text = said(options);
+        assert!(text.contains("warning: the camera's path") && text.contains(part), "{options}: {text}");
     }
-    assert!(!said(&["--time", "4", "--frames", "1"]).contains("warning"));
+    assert!(!said("--time 4 --frames 1").contains("warning"));
 }
 
 #[test]
 fn summary_counts_only_devices_that_are_left() {
-    let two = ["--virtual", "2", "--threads-per-device", "1"];
-    assert!(said(&two).contains(" on 2 device(s): "));
-    let text = said(&[&two[..], &["--disturb", "loss:dev1@frame0"]].concat());
+    let two = "--virtual 2 --threads-per-device 1";
+    assert!(said(two).contains(" on 2 device(s): "));
+    let text = said(&format!("{two} --disturb loss:dev1@frame0"));
     assert!(text.contains(" on 1 of 2 device(s): "), "{text}");
 }

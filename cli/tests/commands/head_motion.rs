@@ -1,20 +1,8 @@
 //! Head motion: one run records, another replays on any number of devices, and invalid files are rejected.
 
-use std::path::Path;
-
 use serde_json::Value;
 
-use crate::common::diptych;
-
-fn ran(args: &[&str]) -> String {
-    let output = diptych(args);
-    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn run_json(out: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap()
-}
+use crate::common::Folder;
 
 /// Returns all numbers of both eyes' matrices, frame by frame.
 fn cameras(run: &Value) -> Vec<Vec<f64>> {
@@ -30,29 +18,17 @@ fn number(value: &Value) -> f64 {
     value.as_f64().unwrap()
 }
 
-const HEAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes/head.jsonl");
-
 #[test]
-fn what_play_records_render_replays() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (motion, played, replayed) = (path("motion.jsonl"), path("played"), path("replayed"));
-    let common = ["--size", "32x18", "--fps", "5", "--frames", "8", "--quiet"];
-    let play = ["play", "builtin:atrium", "--set", "time=0.7", "--budget-ms", "0.01..30000", "--ladder"];
-    let ladder = path("ladder.toml");
-    std::fs::write(
-        &ladder,
-        "[origin]\nshot = 'any'\nsize = '32x18'\ndevices = ['any']\nversion = '0'\n[[rung]]\ntime_ms = 1.0\nflip = 0.4\n\
-         relmse = 0.4\nknobs = { spp = 1, bounces = 1, denoiser = 'svgf', iterations = 1, scale = 1.0 }\n",
-    )
-    .unwrap();
-    ran(&[&play[..], &[&*ladder, "--record-motion", &motion, "--out", &played], &common].concat());
-    let replay =
-        ["render", "builtin:atrium", "--time", "0.7", "--set", &format!("motion={motion}"), "--out", &replayed];
-    ran(&[&replay[..], &common].concat());
-    let [played, replayed] = [played, replayed].map(|out| run_json(Path::new(&out)));
-    assert_eq!(replayed["settings"]["motion"], *motion);
-    let [played, replayed] = [cameras(&played), cameras(&replayed)];
+fn play_records_motion_that_render_replays() {
+    let folder = Folder::new();
+    folder.write("one.toml", crate::play::LADDER.split_inclusive("\n\n").take(2).collect::<String>());
+    let common = "builtin:atrium --size 32x18 --fps 5 --frames 8 --quiet --set time=0.7";
+    let recorded = "--ladder ./one.toml --record-motion ./motion.jsonl --out ./played";
+    folder.run(&format!("play {common} --budget-ms 0.01..30000 {recorded}"));
+    folder.run(&format!("render {common} --set motion=./motion.jsonl --out ./replayed"));
+    let [played, replayed] = ["played", "replayed"].map(|out| folder.json(&format!("{out}/run.json")));
+    assert_eq!(replayed["settings"]["motion"], folder.word("./motion.jsonl"));
+    let [played, replayed] = [played, replayed].map(|run| cameras(&run));
     assert!(played.len() == 8 && played[0] != played[7], "the camera moves");
     for (a, b) in played.iter().flatten().zip(replayed.iter().flatten()) {
         assert!((a - b).abs() <= 1e-5 * a.abs().max(1.0), "{a} {b}");
@@ -60,28 +36,19 @@ fn what_play_records_render_replays() {
 }
 
 #[test]
-fn replayed_motion_gives_the_same_bytes_on_one_to_three_devices() {
-    let folder = tempfile::tempdir().unwrap();
-    let rendered = |devices: &str| {
-        let out = folder.path().join(devices);
-        let shape = ["--size", "48x40", "--frames", "3", "--fps", "6", "--time", "0.5", "--foveation", "layers"];
-        let run = [
-            "render",
-            "builtin:cornell",
-            "--set",
-            &format!("motion={HEAD}"),
-            "--virtual",
-            devices,
-            "--out",
-            out.to_str().unwrap(),
-        ];
-        ran(&[&run[..], &shape].concat());
-        let name = |i: usize| ["left", "right"].map(|eye| format!("{eye}.{i:04}.exr"));
-        (0..3).flat_map(name).map(|name| std::fs::read(out.join(name)).unwrap()).collect::<Vec<_>>()
+fn same_bytes_of_replayed_motion_on_three_devices() {
+    let folder = Folder::new();
+    let rendered = |devices: u32| {
+        let head = concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes/head.jsonl");
+        let shape = "--size 48x40 --frames 3 --fps 6 --time 0.5 --foveation layers";
+        let line = format!("render builtin:cornell {shape} --set motion={head} --virtual {devices}");
+        folder.run(&format!("{line} --out ./{devices}"));
+        let name = |i: usize| ["left", "right"].map(|eye| format!("{devices}/{eye}.{i:04}.exr"));
+        (0..3).flat_map(name).map(|name| folder.bytes(&name)).collect::<Vec<_>>()
     };
-    let one = rendered("1");
+    let one = rendered(1);
     assert_ne!(one[0], one[4], "the head moves");
-    for devices in ["2", "3"] {
+    for devices in [2, 3] {
         assert!(rendered(devices) == one, "{devices} devices");
     }
 }
@@ -99,26 +66,12 @@ const EYES: &str = concat!(
 /// Foveation follows the gaze: the layers and their overlay are at the gaze, and polar images have their own size.
 #[test]
 fn asymmetric_eyes_have_a_gaze() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
-    let (motion, layers, polar) = (path("eyes.jsonl"), path("layers"), path("polar"));
-    std::fs::write(&motion, EYES).unwrap();
-    let run = [
-        "render",
-        "builtin:cornell",
-        "--set",
-        &format!("motion={motion}"),
-        "--size",
-        "36x40",
-        "--frames",
-        "1",
-        "--warm-up",
-        "0",
-    ];
-    let with = |more: &[&'static str], out| [&run[..], more, &["--out", out]].concat();
-    ran(&with(&["--foveation", "layers", "--also", "overlay", "--aov", "motion", "--virtual", "2"], &layers));
-    ran(&with(&["--foveation", "visual-polar"], &polar));
-    let drawn = image::open(Path::new(&layers).join("stereo.png")).unwrap().to_rgb8();
+    let folder = Folder::new();
+    folder.write("eyes.jsonl", EYES);
+    let line = "render builtin:cornell --set motion=./eyes.jsonl --size 36x40 --frames 1 --warm-up 0";
+    folder.run(&format!("{line} --foveation layers --also overlay --aov motion --virtual 2 --out ./layers"));
+    folder.run(&format!("{line} --foveation visual-polar --out ./polar"));
+    let drawn = image::open(folder.path("layers/stereo.png")).unwrap().to_rgb8();
     let of_colour = |colour: [u8; 3], columns: std::ops::Range<u32>| {
         let all = drawn.enumerate_pixels().filter(|(x, _, pixel)| columns.contains(x) && pixel.0 == colour);
         all.map(|(x, y, _)| [f64::from(x - columns.start), f64::from(y)]).collect::<Vec<_>>()
@@ -129,8 +82,6 @@ fn asymmetric_eyes_have_a_gaze() {
         assert!(circles.len() > 20 && (mean[0] - 10.8).abs() < 3.0 && (mean[1] - 16.0).abs() < 3.0, "{mean:?}");
         assert!(of_colour([255, 160, 0], columns).len() >= 20, "stripes meet somewhere");
     }
-    assert!(run_json(Path::new(&polar))["rectified"]["pixels_ratio"].as_f64().unwrap() > 1.0);
-    let output = diptych(&with(&["--foveation", "visual-polar", "--also", "overlay"], &polar));
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && text.contains("--also overlay") && text.lines().count() == 1, "{text}");
+    assert!(folder.json("polar/run.json")["rectified"]["pixels_ratio"].as_f64().unwrap() > 1.0);
+    folder.refuses(2, line, "--foveation visual-polar --also overlay --out ./none => --also overlay");
 }

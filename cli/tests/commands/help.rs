@@ -2,28 +2,21 @@
 
 use serde_json::Value;
 
-use crate::common::diptych;
+use crate::common::Folder;
 
-const COMMANDS: [&str; 11] =
-    ["render", "play", "view", "scale", "bench", "study", "compare", "trace", "graph", "info", "export"];
+/// Returns the names of all commands.
+fn commands() -> Vec<String> {
+    let all = Folder::new().run("--help").out;
+    let (_, listed) = all.split_once("Commands:\n").unwrap();
+    let names = listed.lines().map_while(|line| line.strip_prefix("  ")).filter_map(|line| line.split(' ').next());
+    let names: Vec<_> = names.filter(|name| !["", "help"].contains(name)).map(str::to_owned).collect();
+    assert_eq!(names.len(), 11, "{names:?}");
+    names
+}
 
 #[track_caller]
 fn help(command: &str) -> String {
-    let output = diptych(&[command, "--help"]);
-    assert!(output.status.success(), "{command}");
-    String::from_utf8(output.stdout).unwrap()
-}
-
-#[test]
-fn commands_of_these_tests_are_all_commands() {
-    let all = String::from_utf8(diptych(&["--help"]).stdout).unwrap();
-    let (_, listed) = all.split_once("Commands:\n").unwrap();
-    let names = listed.lines().map_while(|line| line.strip_prefix("  ")).filter_map(|line| line.split(' ').next());
-    let mut found: Vec<&str> = names.filter(|name| !["", "help"].contains(name)).collect();
-    let mut expected = COMMANDS.to_vec();
-    found.sort();
-    expected.sort();
-    assert_eq!(found, expected);
+    Folder::new().run(&format!("{command} --help")).out
 }
 
 #[test]
@@ -39,10 +32,9 @@ fn help_has_sections_with_tests_last() {
     }
 }
 
-/// Help contains no rustdoc links.
 #[test]
 fn help_has_no_rustdoc_links() {
-    for command in COMMANDS {
+    for command in &commands() {
         let text = help(command);
         assert!(!text.contains("[`") && !text.contains("::"), "{command}: {text}");
     }
@@ -50,25 +42,22 @@ fn help_has_no_rustdoc_links() {
 
 #[test]
 fn completions_and_manual_pages_have_every_command() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("man");
-    assert!(diptych(&["generate", "man", "--out", out.to_str().unwrap()]).status.success());
+    let folder = Folder::new();
+    folder.run("generate man --out ./man");
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
-        let output = diptych(&["generate", shell]);
-        let text = String::from_utf8(output.stdout).unwrap();
-        assert!(output.status.success(), "{shell}");
-        for command in COMMANDS {
-            assert!(text.contains(command), "{shell} does not complete {command}");
+        let text = folder.run(&format!("generate {shell}")).out;
+        for command in &commands() {
+            assert!(text.contains(command.as_str()), "{shell} does not complete {command}");
         }
         assert!(text.contains("budget-ms"), "{shell}");
     }
-    for command in COMMANDS {
-        let page = std::fs::read_to_string(out.join(format!("diptych-{command}.1"))).unwrap();
+    for command in &commands() {
+        let page = folder.text(&format!("man/diptych-{command}.1"));
         assert!(page.contains(".TH"), "{command}");
     }
-    let page = std::fs::read_to_string(out.join("diptych-render.1")).unwrap();
+    let page = folder.text("man/diptych-render.1");
     assert!(page.contains("Three layers"), "what values mean is in it");
-    let page = std::fs::read_to_string(out.join("diptych-settings.1")).unwrap();
+    let page = folder.text("man/diptych-settings.1");
     assert!(page.contains("halo=") && page.contains("watchdog_ms=") || page.contains("watchdog\\_ms="), "{page}");
 }
 
@@ -101,21 +90,18 @@ fn is_value(text: &str) -> bool {
 
 #[test]
 fn defaults_in_help_equal_those_in_run_json() {
-    let folder = tempfile::tempdir().unwrap();
-    let small = ["--size", "16x9", "--quiet"];
+    let folder = Folder::new();
     for (command, given) in [
-        ("render", &["builtin:checker"][..]),
-        ("play", &["builtin:checker", "--frames", "2", "--budget-ms", "0.01..1000"]),
-        ("scale", &["builtin:checker", "--warm-up", "0"]),
-        ("bench", &["builtin:checker", "--spp", "1", "--bounces", "2", "--denoiser", "none", "--reference-spp", "16"]),
+        ("render", "--size 16x9 --quiet"),
+        ("play", "--size 16x9 --quiet --frames 2 --budget-ms 0.01..1000"),
+        ("scale", "--size 16x9 --quiet --warm-up 0"),
+        ("bench", "--size 16x9 --quiet --spp 1 --bounces 2 --denoiser none --reference-spp 16"),
     ] {
-        let out = folder.path().join(command);
-        let output = diptych(&[&[command, "--out", out.to_str().unwrap()], &small[..], given].concat());
-        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
-        let run: Value = serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap();
+        folder.run(&format!("{command} builtin:checker --out ./{command} {given}"));
+        let run = folder.json(&format!("{command}/run.json"));
         let mut compared = 0;
         for (name, default) in defaults(&help(command)) {
-            let was_given = [&small[..], given].concat().contains(&format!("--{name}").as_str());
+            let was_given = given.split(' ').any(|word| word.strip_prefix("--") == Some(&name));
             if was_given || !is_value(&default) {
                 continue;
             }

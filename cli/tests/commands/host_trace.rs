@@ -1,20 +1,16 @@
 //! Host spans appear in the trace-file, on the recorder's clock. This is a single test, because a process can install
 //! only one `tracing` subscriber; the other tests here run the program as a process.
 
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use diptych::trace::read::read;
 use diptych::trace::summary::Summary;
 use diptych::trace::{Lane, Recorder, TraceError, TraceFile};
-use serde_json::Value;
+
+use crate::common::Folder;
 
 /// Additional time that a loaded machine may need for a span.
 const SLACK_US: f64 = 20_000.0;
-
-fn json(path: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
-}
 
 /// Records a span with a field known only at its end, between two readings of our clock.
 fn frame(recorder: &Recorder) -> (f64, f64) {
@@ -30,8 +26,8 @@ fn frame(recorder: &Recorder) -> (f64, f64) {
 
 #[test]
 fn host_spans_use_the_clock_of_the_trace() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("trace.json");
+    let folder = Folder::new();
+    let path = folder.path("trace.json");
     let file = TraceFile::start(&path).unwrap();
     let recorder = file.recorder();
     recorder.device(0, "gpu");
@@ -42,7 +38,7 @@ fn host_spans_use_the_clock_of_the_trace() {
     worker.spawn(work).unwrap().join().unwrap();
     let open = tracing::info_span!("never closed").entered();
 
-    let second = folder.path().join("second.json");
+    let second = folder.path("second.json");
     assert!(matches!(TraceFile::start(&second), Err(TraceError::SubscriberTaken)));
     assert!(!second.exists());
     tracing::info_span!("after the refusal", text = "\"7\" \n {}").in_scope(|| ());
@@ -51,7 +47,7 @@ fn host_spans_use_the_clock_of_the_trace() {
     drop(open);
     tracing::info_span!("after the end").in_scope(|| ());
 
-    let document = json(&path);
+    let document = folder.json("trace.json");
     let events = document["traceEvents"].as_array().unwrap();
     let named = |name: &str| {
         let found: Vec<_> = events.iter().filter(|e| e["name"] == name).collect();
@@ -60,9 +56,7 @@ fn host_spans_use_the_clock_of_the_trace() {
     };
     let frame = named("frame");
     assert_eq!(frame["pid"], 1);
-    assert_eq!(frame["args"]["frame"], 3.0);
-    assert_eq!(frame["args"]["rows"], 90.0);
-    assert_eq!(frame["args"]["label"], "first");
+    assert_eq!(frame["args"], serde_json::json!({"frame": 3.0, "rows": 90.0, "label": "first"}));
     let (begin_us, duration_us) = (frame["ts"].as_f64().unwrap(), frame["dur"].as_f64().unwrap());
     assert!(duration_us >= 5000.0);
     assert!(begin_us >= before_us && begin_us < before_us + SLACK_US);

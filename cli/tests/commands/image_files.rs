@@ -1,21 +1,16 @@
 //! Metadata of image files: cameras, and the origin of the right eye's pixels.
 
-use std::path::Path;
-
-use crate::common::{diptych, stage};
+use crate::common::{Folder, Said, stage};
 use diptych::image::exr::{Tags, read_channels, read_colour, read_layer, read_rgb};
 use serde_json::Value;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 40;
 
-/// Renders `shot` at 64x40; returns the printed text and `run.json`.
-fn render(shot: &str, out: &Path, options: &[&str]) -> (String, Value) {
-    let args = ["render", shot, "--size", "64x40", "--bounces", "1", "--out", out.to_str().unwrap()];
-    let output = diptych(&[&args, options].concat());
-    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
-    let run = std::fs::read_to_string(out.join("run.json")).unwrap();
-    (String::from_utf8(output.stdout).unwrap(), serde_json::from_str(&run).unwrap())
+/// Renders `shot` at 64x40 into this folder; returns the printed text and `run.json`.
+fn render(folder: &Folder, shot: &str, out: &str, options: &str) -> (String, Value) {
+    let said = folder.run(&format!("render {shot} --size 64x40 --bounces 1 --out ./{out} {options}"));
+    (said.out, folder.json(&format!("{out}/run.json")))
 }
 
 /// Projects a point; returns pixels from the top left corner.
@@ -28,11 +23,11 @@ fn projected(point: [f32; 3], world_to_ndc: [[f32; 4]; 4]) -> [f64; 2] {
 /// With temporal accumulation, each frame looks through different points of the pixels.
 #[test]
 fn positions_project_onto_their_pixels() {
-    let folder = tempfile::tempdir().unwrap();
-    let options = ["--frames", "2", "--fps", "2", "--time", "0.25", "--aov", "position,depth"];
-    let (_, run) = render("builtin:cornell", folder.path(), &options);
+    let folder = Folder::new();
+    let options = "--frames 2 --fps 2 --time 0.25 --aov position,depth";
+    let (_, run) = render(&folder, "builtin:cornell", "out", options);
     for (eye, frame) in [("left", 0), ("right", 0), ("left", 1), ("right", 1)] {
-        let path = |name: &str| folder.path().join(format!("{eye}.{name}{frame:04}.exr"));
+        let path = |name: &str| folder.path(&format!("out/{eye}.{name}{frame:04}.exr"));
         let colour = read_colour(&path("")).unwrap().tags;
         let time_s = 0.25 + 0.5 * f64::from(frame);
         let said = (colour.eye.as_deref(), colour.frame, colour.time_s, colour.exposure_ev, colour.pixel_centre);
@@ -77,10 +72,9 @@ fn pixels(share: &Value) -> usize {
 #[test]
 fn most_retraced_pixels_are_at_edges_without_a_filter() {
     let counts = ["none", "svgf"].map(|denoiser| {
-        let folder = tempfile::tempdir().unwrap();
-        let options = ["--spp", "4", "--denoiser", denoiser, "--aov", "holes"];
-        render("builtin:checker", folder.path(), &options);
-        let holes = read_rgb(&folder.path().join("right.holes.exr")).unwrap();
+        let folder = Folder::new();
+        render(&folder, "builtin:checker", "out", &format!("--spp 4 --denoiser {denoiser} --aov holes"));
+        let holes = read_rgb(&folder.path("out/right.holes.exr")).unwrap();
         let count = |value: f32| holes.pixels.iter().filter(|p| p[0] == value).count();
         (count(5.0), [1.0, 2.0, 3.0, 4.0, 6.0].map(count).iter().sum::<usize>())
     });
@@ -91,10 +85,9 @@ fn most_retraced_pixels_are_at_edges_without_a_filter() {
 
 #[test]
 fn antialiased_edges_are_no_disocclusions() {
-    let folder = tempfile::tempdir().unwrap();
-    let options = ["--spp", "4", "--set", "render_scale=0.8", "--aov", "holes"];
-    let (said, run) = render("builtin:checker", folder.path(), &options);
-    let holes = read_rgb(&folder.path().join("right.holes.exr")).unwrap();
+    let folder = Folder::new();
+    let (said, run) = render(&folder, "builtin:checker", "out", "--spp 4 --set render_scale=0.8 --aov holes");
+    let holes = read_rgb(&folder.path("out/right.holes.exr")).unwrap();
     let count = |value: f32| holes.pixels.iter().filter(|p| p[0] == value).count();
     let row = &run["frames"][0];
     let true_holes = [1.0, 2.0, 3.0, 4.0, 6.0].map(count);
@@ -117,7 +110,7 @@ fn antialiased_edges_are_no_disocclusions() {
         assert!(line.contains(&format!("{} {what}", percent(name))), "{line}");
     }
 
-    let picture = image::open(folder.path().join("holes.png")).unwrap().into_rgb8();
+    let picture = image::open(folder.path("out/holes.png")).unwrap().into_rgb8();
     // In a picture as small as this one, the key adds width and height.
     assert!(picture.width() > 2 * WIDTH as u32 && picture.height() > HEIGHT as u32 + 100);
     let right = |i: usize| picture.get_pixel((WIDTH + i % WIDTH) as u32, (i / WIDTH) as u32).0;
@@ -129,8 +122,8 @@ fn antialiased_edges_are_no_disocclusions() {
 
 #[test]
 fn eyes_rendered_apart_report_no_reprojection() {
-    let folder = tempfile::tempdir().unwrap();
-    let (said, run) = render("builtin:cornell", folder.path(), &["--reproject", "off"]);
+    let folder = Folder::new();
+    let (said, run) = render(&folder, "builtin:cornell", "out", "--reproject off");
     assert!(!said.contains("right eye"), "{said}");
     assert!(run["frames"][0].get("hole_fraction").is_none() && run["frames"][0]["rays"].as_u64() > Some(0));
 }
@@ -138,27 +131,22 @@ fn eyes_rendered_apart_report_no_reprojection() {
 /// Layers hold the same values as files, and `compare` finds them.
 #[test]
 fn auxiliary_images_can_be_layers_of_one_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let [files, layers] = ["files", "layers"].map(|name| folder.path().join(name));
-    let options = ["--frames", "2", "--aov", "motion,position,normal"];
-    render("builtin:cornell", &files, &options);
-    render("builtin:cornell", &layers, &[&options[..], &["--also", "layers", "--also", "over-under"]].concat());
-    let names = |folder: &Path| std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name()).collect::<Vec<_>>();
-    assert!(!names(&layers).iter().any(|name| name.to_string_lossy().contains("normal")), "{:?}", names(&layers));
+    let folder = Folder::new();
+    let options = "--frames 2 --aov motion,position,normal";
+    render(&folder, "builtin:cornell", "files", options);
+    render(&folder, "builtin:cornell", "layers", &format!("{options} --also layers --also over-under"));
+    let [files, layers] = ["files", "layers"].map(|name| folder.path(name));
+    assert!(!folder.names("layers").iter().any(|name| name.contains("normal")), "{:?}", folder.names("layers"));
     for eye in ["left", "right"] {
         let of_files = read_channels(&files.join(format!("{eye}.normal.0001.exr")), ["X", "Y", "Z"]).unwrap();
         let of_layers = read_layer(&layers.join(format!("{eye}.0001.exr")), "normal.", ["X", "Y", "Z"]).unwrap();
         assert!(of_files.image == of_layers.image, "{eye}");
         assert_eq!(of_layers.tags.pixel_centre, of_files.tags.pixel_centre);
-        let colour = |folder: &Path| read_rgb(&folder.join(format!("{eye}.0001.exr"))).unwrap();
-        assert!(colour(&files) == colour(&layers), "{eye}");
+        let [a, b] = [&files, &layers].map(|out| read_rgb(&out.join(format!("{eye}.0001.exr"))).unwrap());
+        assert!(a == b, "{eye}");
     }
-    let compare = |image: &Path| {
-        let output = diptych(&["compare", files.to_str().unwrap(), image.to_str().unwrap(), "--json"]);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice::<Value>(&output.stdout).unwrap()
-    };
-    let (of_files, of_layers) = (compare(&files), compare(&layers));
+    let [of_files, of_layers] =
+        ["files", "layers"].map(|image| folder.run(&format!("compare ./files ./{image} --json")).json());
     assert!(of_files["rivalry"].is_number(), "{of_files}");
     assert_eq!(of_files, of_layers);
     let stereo = image::open(layers.join("stereo.0001.png")).unwrap();
@@ -168,36 +156,29 @@ fn auxiliary_images_can_be_layers_of_one_file() {
 /// `compare` reads eyes from folders, and exposure and cameras from the files, and rejects images that do not match.
 #[test]
 fn compare_reads_both_eyes_from_folders() {
-    let folder = tempfile::tempdir().unwrap();
-    let [reference, image, late] = ["reference", "image", "late"].map(|name| folder.path().join(name));
-    let shot = folder.path().join("shot.toml");
+    let folder = Folder::new();
     let cornell = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../scenes/cornell.toml")).unwrap();
-    std::fs::write(&shot, format!("{cornell}\n[exposure]\nev = -1.5\n")).unwrap();
-    let shot = shot.to_str().unwrap();
-    render(shot, &reference, &["--spp", "16", "--denoiser", "none"]);
-    render(shot, &image, &[]);
-    render(shot, &late, &["--time", "1"]);
-    let compare = |a: &Path, b: &Path, options: &[&str]| {
-        let output = diptych(&[&["compare", a.to_str().unwrap(), b.to_str().unwrap()], options].concat());
-        let [said, warned] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
-        assert!(output.status.success(), "{warned}");
-        (said, warned)
+    folder.write("shot.toml", format!("{cornell}\n[exposure]\nev = -1.5\n"));
+    render(&folder, "./shot.toml", "reference", "--spp 16 --denoiser none");
+    render(&folder, "./shot.toml", "image", "");
+    render(&folder, "./shot.toml", "late", "--time 1");
+    let compare = |line: &str| {
+        let Said { out, errors, .. } = folder.run(&format!("compare {line}"));
+        (out, errors)
     };
-    let (said, warned) = compare(&reference, &image, &["--by", "rings=3"]);
+    let (said, warned) = compare("./reference ./image --by rings=3");
     assert_eq!(warned, "");
-    assert!(
-        said.lines().any(|l| l.contains("exposure_ev") && l.contains("-1.5") && l.contains("as the reference says"))
-    );
+    let parts = ["exposure_ev", "-1.5", "as the reference says"];
+    assert!(said.lines().any(|line| parts.iter().all(|part| line.contains(part))), "{said}");
     for eye in ["left", "right"] {
         let rings =
             format!("rings around 0.5,0.5, {eye} eye; vertical field of view 40 degrees, as the reference says");
         assert!(said.contains(&rings), "{said}");
     }
-    let both: Value = serde_json::from_str(&compare(&reference, &image, &["--json", "--by", "rings=3"]).0).unwrap();
+    let both: Value = serde_json::from_str(&compare("./reference ./image --json --by rings=3").0).unwrap();
     assert_eq!(both["left"]["rings"]["yfov_deg"], 40.0);
     for eye in ["left", "right"] {
-        let name = format!("{eye}.exr");
-        let (alone, warned) = compare(&reference.join(&name), &image.join(&name), &["--json", "--by", "rings=3"]);
+        let (alone, warned) = compare(&format!("./reference/{eye}.exr ./image/{eye}.exr --json --by rings=3"));
         assert_eq!((serde_json::from_str::<Value>(&alone).unwrap(), warned.as_str()), (both[eye].clone(), ""));
     }
     for name in ["rmse", "flip", "psnr", "block16", "nonfinite_px"] {
@@ -209,22 +190,21 @@ fn compare_reads_both_eyes_from_folders() {
         assert!(line.split_whitespace().skip(1).take(3).eq(values.iter()), "{line} instead of {values:?}");
     }
 
-    let maps = folder.path().join("maps");
-    let (said, _) = compare(&reference, &image, &["--maps", maps.to_str().unwrap()]);
-    let map = image::open(maps.join("flip.png")).unwrap().into_rgb8();
+    let (said, _) = compare("./reference ./image --maps ./maps");
+    let map = image::open(folder.path("maps/flip.png")).unwrap().into_rgb8();
     assert_eq!(map.dimensions(), (2 * WIDTH as u32, HEIGHT as u32));
     // These folders have no auxiliary images.
     let missing = |name: &str, aov: &str| {
         said.lines().any(|l| l.starts_with(&format!("{name} is not written: ")) && l.contains(aov))
     };
     assert!(missing("kind.png", "left.depth.exr") && missing("rivalry.png", "--aov position,normal"), "{said}");
-    assert_eq!(std::fs::read_dir(&maps).unwrap().count(), 2);
-    let (_, warned) = compare(&reference, &late, &[]);
+    assert_eq!(folder.names("maps").len(), 2);
+    let (_, warned) = compare("./reference ./late");
     for eye in ["left", "right"] {
         let warning = format!("warning: {eye} eye: the reference is of frame 0 at 0 s, the image of frame 0 at 1 s");
         assert!(warned.contains(&warning), "{warned}");
     }
-    let (_, warned) = compare(&reference.join("left.exr"), &image.join("right.exr"), &[]);
+    let (_, warned) = compare("./reference/left.exr ./image/right.exr");
     assert_eq!(warned, "warning: the reference is of the left eye, the image of the right one\n");
 }
 
@@ -234,36 +214,24 @@ fn files_hold_the_eye_that_they_are_named_after() {
     let mut settings = subject.settings(48, 32);
     settings.buffers.reproject = true;
     let expected = stage::Stage::alone(&subject, &settings).frame(0).linear;
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let args = ["render", "builtin:checker", "--size", "48x32", "--denoiser", "none", "--quiet", "--out", out];
-    let output = diptych(&args);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let [left, right] = ["left.exr", "right.exr"].map(|name| read_rgb(&folder.path().join(name)).unwrap());
+    let folder = Folder::new();
+    folder.run("render builtin:checker --size 48x32 --denoiser none --quiet --out ./");
+    let [left, right] = ["left.exr", "right.exr"].map(|name| read_rgb(&folder.path(name)).unwrap());
     assert!(left == expected.left && right == expected.right && left != right);
 }
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
-fn files_of_one_device_and_of_three_with_frames_in_flight_are_equal() {
-    let folder = tempfile::tempdir().unwrap();
-    let render = |devices: &str, in_flight: &str| {
-        let out = folder.path().join(devices);
-        let to = out.to_str().unwrap();
-        let aovs = "albedo,normal,position,depth,motion,roughness,holes,spp";
-        let mut args =
-            vec!["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--frames", "2", "--fps", "2"];
-        args.extend(["--out", to, "--virtual", devices, "--set", in_flight]);
-        let output = diptych(&args);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        out
-    };
-    let (one, three) = (render("1", "frames_in_flight=1"), render("3", "frames_in_flight=2"));
-    let mut names: Vec<_> = std::fs::read_dir(&one).unwrap().map(|f| f.unwrap().file_name()).collect();
+fn same_bytes_of_files_with_frames_in_flight() {
+    let folder = Folder::new();
+    let aovs = "albedo,normal,position,depth,motion,roughness,holes,spp";
+    let line = format!("render builtin:checker --size 96x54 --aov {aovs} --frames 2 --fps 2");
+    folder.run(&format!("{line} --virtual 1 --set frames_in_flight=1 --out ./one"));
+    folder.run(&format!("{line} --virtual 3 --set frames_in_flight=2 --out ./three"));
+    let mut names = folder.names("one");
     names.retain(|n| n != "run.json" && n != "frames.csv");
     assert_eq!(names.len(), 2 * (2 + 2 * 8 + 2 + 3), "{names:?}");
     for name in names {
-        let bytes = |folder: &Path| std::fs::read(folder.join(&name)).unwrap();
-        assert!(bytes(&one) == bytes(&three), "{} differs", name.display());
+        assert!(folder.bytes(&format!("one/{name}")) == folder.bytes(&format!("three/{name}")), "{name} differs");
     }
 }

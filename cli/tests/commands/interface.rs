@@ -3,11 +3,11 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::Value;
 
-use crate::common::diptych;
+use crate::common::Folder;
 
 /// Environment variable to write the files instead of comparing them.
 const WRITES: &str = "DIPTYCH_WRITE_INTERFACE";
@@ -30,7 +30,7 @@ fn options_equal_the_recorded_ones() {
     let commands = ["render", "play", "scale", "bench", "compare", "trace", "graph", "info", "export"];
     let mut text = String::new();
     for command in commands {
-        let help = String::from_utf8(diptych(&[command, "--help"]).stdout).unwrap();
+        let help = Folder::new().run(&format!("{command} --help")).out;
         let options = help.lines().map(str::trim_start).filter(|line| line.starts_with("--") || line.starts_with("-h"));
         for option in options {
             let names: Vec<&str> =
@@ -44,31 +44,21 @@ fn options_equal_the_recorded_ones() {
 /// Lists the columns of every CSV file, and the members of run.json by path.
 #[test]
 fn columns_and_members_equal_the_recorded_ones() {
-    let folder = tempfile::tempdir().unwrap();
-    let small = ["builtin:cornell", "--size", "32x18", "--threads-per-device", "1", "--quiet"];
-    let run = |command: &str, options: &[&str]| -> PathBuf {
-        let out = folder.path().join(command);
-        let output = diptych(&[&[command], &small[..], options, &["--out", out.to_str().unwrap()]].concat());
-        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
-        out
-    };
-    let out = [
-        run("render", &["--virtual", "2", "--frames", "2", "--warm-up", "0"]),
-        run("play", &["--frames", "3", "--budget-ms", "1..1000"]),
-        run("scale", &["--counts", "1,2", "--frames", "1", "--warm-up", "0", "--simulate", "4"]),
-        run("bench", &["--quick", "--spp", "1", "--bounces", "1", "--denoiser", "svgf", "--reference-spp", "16"]),
-    ];
+    let folder = Folder::new();
     let (mut columns, mut members) = (String::new(), BTreeSet::new());
-    for folder in &out {
-        let command = folder.file_name().unwrap().to_string_lossy();
-        let mut files: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-        files.sort();
-        for file in files.iter().filter(|file| file.extension().is_some_and(|e| e == "csv")) {
-            let header = fs::read_to_string(file).unwrap().lines().next().unwrap().to_owned();
-            columns += &format!("{command} {} {header}\n", file.file_name().unwrap().to_string_lossy());
+    for (command, options) in [
+        ("render", "--virtual 2 --frames 2 --warm-up 0"),
+        ("play", "--frames 3 --budget-ms 1..1000"),
+        ("scale", "--counts 1,2 --frames 1 --warm-up 0 --simulate 4"),
+        ("bench", "--quick --spp 1 --bounces 1 --denoiser svgf --reference-spp 16"),
+    ] {
+        let small = "builtin:cornell --size 32x18 --threads-per-device 1 --quiet";
+        folder.run(&format!("{command} {small} {options} --out ./{command}"));
+        for file in folder.names(command).iter().filter(|name| name.ends_with(".csv")) {
+            columns +=
+                &format!("{command} {file} {}\n", folder.text(&format!("{command}/{file}")).lines().next().unwrap());
         }
-        let report: Value = serde_json::from_slice(&fs::read(folder.join("run.json")).unwrap()).unwrap();
-        collect(&command, &report, &mut members);
+        collect(command, &folder.json(&format!("{command}/run.json")), &mut members);
     }
     // The columns of the critical path depend on the stages that happen to be on it.
     let columns = columns.split(',').filter(|column| !column.starts_with("critical_")).collect::<Vec<_>>().join(",");

@@ -1,7 +1,7 @@
 //! Runs the program as a user does: its commands, files, messages and exit statuses.
 
 mod animation;
-mod bad_input;
+
 mod bench;
 #[path = "../common/mod.rs"]
 mod common;
@@ -23,6 +23,7 @@ mod pictures;
 mod play;
 mod play_fit;
 mod reference_mode;
+mod refusals;
 mod report;
 mod rivalry;
 mod runs;

@@ -1,9 +1,6 @@
 //! Compares error metrics with independent implementations, and checks the output of `compare`.
 
-use std::path::Path;
-use std::process::Output;
-
-use crate::common::diptych;
+use crate::common::{Folder, Said};
 use diptych::image::display::{tonemap, write_png};
 use diptych::image::exr::{read_rgb, write_channels, write_rgb};
 use diptych::image::tone::ToneCurve;
@@ -155,52 +152,26 @@ fn compare_counts_and_skips_non_finite_pixels() {
     assert!((errors.flip - saturated.flip).abs() < 1e-9, "{errors:?} instead of {saturated:?}");
 }
 
-/// A folder with a reference and an image of the same size.
-struct Files {
-    folder: tempfile::TempDir,
+/// Returns a folder with a reference and an image of the same size.
+fn files() -> Folder {
+    let files = Folder::new();
+    write_rgb(&files.path("reference.exr"), &scene(48, 40)).unwrap();
+    write_rgb(&files.path("image.exr"), &noisy(&scene(48, 40), 3)).unwrap();
+    files
 }
 
-impl Files {
-    fn new() -> Self {
-        let files = Self { folder: tempfile::tempdir().unwrap() };
-        write_rgb(&files.path("reference.exr"), &scene(48, 40)).unwrap();
-        write_rgb(&files.path("image.exr"), &noisy(&scene(48, 40), 3)).unwrap();
-        files
-    }
+const COMPARE: &str = "compare ./reference.exr ./image.exr";
 
-    fn path(&self, name: &str) -> std::path::PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn compare(&self, reference: &str, image: &str, options: &[&str]) -> Output {
-        let [reference, image] = [self.path(reference), self.path(image)];
-        let text = |path: &Path| path.to_str().unwrap().to_owned();
-        let (reference, image) = (text(&reference), text(&image));
-        diptych(&[&["compare", reference.as_str(), image.as_str()], options].concat())
-    }
-
-    fn json(&self, options: &[&str]) -> serde_json::Value {
-        let output = self.compare("reference.exr", "image.exr", &[options, &["--json"]].concat());
-        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-        serde_json::from_slice(&output.stdout).unwrap()
-    }
-
-    #[track_caller]
-    fn refused(&self, reference: &str, image: &str, options: &[&str], parts: &[&str]) {
-        let output = self.compare(reference, image, options);
-        let text = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{text}");
-        assert!(output.stdout.is_empty() && !text.contains("panicked"), "{text}");
-        assert!(parts.iter().all(|part| text.contains(part)), "{text} without one of {parts:?}");
-    }
+fn json(files: &Folder, options: &str) -> serde_json::Value {
+    files.run(&format!("{COMPARE} --json {options}")).json()
 }
 
 #[test]
 fn compare_prints_all_errors_as_text_and_json() {
-    let files = Files::new();
-    let json = files.json(&[]);
-    let text = String::from_utf8(files.compare("reference.exr", "image.exr", &[]).stdout).unwrap();
-    let help = String::from_utf8(diptych(&["compare", "--help"]).stdout).unwrap();
+    let files = files();
+    let json = json(&files, "");
+    let text = files.run(COMPARE).out;
+    let help = files.run("compare --help").out;
     let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
     for name in ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio", "block16"] {
         let value = json[name].as_f64().unwrap();
@@ -218,13 +189,12 @@ fn compare_prints_all_errors_as_text_and_json() {
 /// At 0 EV both images are white; at the exposure of the shot, one is twice as bright.
 #[test]
 fn compare_finds_errors_at_the_exposure_of_the_shot() {
-    let files = Files::new();
+    let files = files();
     write_rgb(&files.path("reference.exr"), &flat(48, 40, [1e6; 3])).unwrap();
     write_rgb(&files.path("image.exr"), &flat(48, 40, [5e5; 3])).unwrap();
     let at = |ev: &str| {
-        let maps = files.path("maps");
-        let found = files.json(&["--exposure", ev, "--maps", maps.to_str().unwrap(), "--by", "rings=1"]);
-        let red = image::open(maps.join("flip.png")).unwrap().into_rgb8().get_pixel(20, 20).0[0];
+        let found = json(&files, &format!("--exposure {ev} --maps ./maps --by rings=1"));
+        let red = image::open(files.path("maps/flip.png")).unwrap().into_rgb8().get_pixel(20, 20).0[0];
         let number = |value: &serde_json::Value| value.as_f64().unwrap();
         (number(&found["exposure_ev"]), number(&found["flip"]), number(&found["rings"]["rings"][0]["flip"]), red)
     };
@@ -232,15 +202,14 @@ fn compare_finds_errors_at_the_exposure_of_the_shot() {
     assert_eq!((white.0, shown.0), (0.0, -19.5));
     assert!(white.1 < 1e-3 && white.2 < 1e-3 && white.3 == 0, "{white:?}");
     assert!(shown.1 > 0.1 && shown.2 > 0.1 && shown.3 > 20, "{shown:?}");
-    let text = files.compare("reference.exr", "image.exr", &["--exposure", "-0.9"]).stdout;
-    let text = String::from_utf8(text).unwrap();
+    let text = files.run(&format!("{COMPARE} --exposure -0.9")).out;
     assert!(text.lines().any(|l| l.split_whitespace().eq(["exposure_ev", "-0.9"])), "{text}");
 }
 
 #[test]
 fn compare_splits_errors_by_ring_and_by_seam() {
-    let files = Files::new();
-    let json = files.json(&["--by", "rings=20,seams=10,25", "--gaze", "0.25,0.5", "--yfov", "90"]);
+    let files = files();
+    let json = json(&files, "--by rings=20,seams=10,25 --gaze 0.25,0.5 --yfov 90");
     let rings = json["rings"]["rings"].as_array().unwrap();
     assert_eq!(rings.len(), 20);
     assert_eq!(rings.iter().map(|r| r["pixels"].as_u64().unwrap()).sum::<u64>(), 48 * 40);
@@ -253,127 +222,101 @@ fn compare_splits_errors_by_ring_and_by_seam() {
     let ratio = seams["near_rmse"].as_f64().unwrap() / seams["elsewhere_rmse"].as_f64().unwrap();
     assert!((seams["ratio"].as_f64().unwrap() - ratio).abs() < 1e-12);
 
-    let output = files.compare("reference.exr", "image.exr", &["--by", "rings=3,seams=10"]);
-    let text = String::from_utf8(output.stdout).unwrap();
+    let Said { out: text, errors: warned, .. } = files.run(&format!("{COMPARE} --by rings=3,seams=10"));
     assert!(text.contains("seam_ratio") && text.contains("from_deg"), "{text}");
     // These files lack an exposure.
-    let warned = String::from_utf8(output.stderr).unwrap();
     assert!(warned.contains("--by rings assumes 70 degrees") && text.contains("70 degrees, assumed"), "{warned}{text}");
     assert_eq!((&json["rings"]["yfov_source"], &json["exposure_source"]), (&"option".into(), &"default".into()));
 }
 
 #[test]
 fn compare_writes_maps_into_a_folder() {
-    let files = Files::new();
-    let maps = files.path("new/maps");
-    let options = ["--maps", maps.to_str().unwrap()];
-    assert_eq!(files.json(&options)["maps"], serde_json::json!(["error.png", "flip.png"]));
-    let sizes = |folder: &Path| {
-        ["error.png", "flip.png"].map(|name| image::open(folder.join(name)).unwrap().into_rgb8().dimensions())
-    };
-    assert_eq!((sizes(&maps), std::fs::read_dir(&maps).unwrap().count()), ([(48, 40); 2], 2));
-    let file = files.path("image.exr");
-    let output = files.compare("reference.exr", "image.exr", &["--maps", file.to_str().unwrap()]);
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(1) && text.contains("choose another --maps"), "{text}");
-
-    // A map must not replace a compared picture.
-    for name in ["flip.png", "other.png"] {
-        std::fs::copy(maps.join("flip.png"), files.path(name)).unwrap();
+    let files = files();
+    assert_eq!(json(&files, "--maps ./new/maps")["maps"], serde_json::json!(["error.png", "flip.png"]));
+    assert_eq!(files.names("new/maps"), ["error.png", "flip.png"]);
+    for name in files.names("new/maps") {
+        let map = image::open(files.path("new/maps").join(name)).unwrap().into_rgb8();
+        assert_eq!(map.dimensions(), (48, 40));
     }
-    let folder = files.path("").to_str().unwrap().to_owned();
-    files.refused("other.png", "flip.png", &["--maps", &folder], &["flip.png", "another folder"]);
-    assert!(!files.path("error.png").exists());
 }
 
 #[test]
 fn compare_of_several_images_prints_each() {
-    let files = Files::new();
-    let [maps, reference] = ["maps", "reference.exr"].map(|name| files.path(name).to_str().unwrap().to_owned());
-    let options = [reference.as_str(), "--json", "--maps", &maps];
-    let text = String::from_utf8(files.compare("reference.exr", "image.exr", &options).stdout).unwrap();
-    let lines: Vec<serde_json::Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(lines[0]["flip"], files.json(&[])["flip"]);
-    assert_eq!((lines.len(), &lines[1]["image"], &lines[1]["flip"]), (2, &reference.as_str().into(), &0.0.into()));
-    assert!(["1/error.png", "2/flip.png"].iter().all(|map| files.path("maps").join(map).is_file()));
-    let text = String::from_utf8(files.compare("reference.exr", "image.exr", &[&reference]).stdout).unwrap();
+    let files = files();
+    let lines = files.run(&format!("{COMPARE} ./reference.exr --json --maps ./maps")).events();
+    assert_eq!(lines[0]["flip"], json(&files, "")["flip"]);
+    let reference = files.word("./reference.exr");
+    assert_eq!((lines.len(), &lines[1]["image"], &lines[1]["flip"]), (2, &reference.into(), &0.0.into()));
+    assert!(["maps/1/error.png", "maps/2/flip.png"].iter().all(|map| files.path(map).is_file()));
+    let text = files.run(&format!("{COMPARE} ./reference.exr")).out;
     assert!(text.contains("image.exr:\n") && text.contains("reference.exr:\n"), "{text}");
 }
 
 /// Pictures of the same images have the same FLIP, up to the rounding of their levels.
 #[test]
 fn compare_reads_levels_of_png_files() {
-    let files = Files::new();
+    let files = files();
     for name in ["reference", "image"] {
         let image = read_rgb(&files.path(&format!("{name}.exr"))).unwrap();
         let picture = tonemap(&image, 0.0, ToneCurve::Reinhard);
         write_png(&files.path(&format!("{name}.png")), &picture).unwrap();
     }
-    let maps = files.path("maps");
-    let options = ["--json", "--by", "seams=10", "--maps", maps.to_str().unwrap()];
-    let output = files.compare("reference.png", "image.png", &options);
-    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let exact = files.json(&["--by", "seams=10"]);
-    let both = |name: &str| [&found, &exact].map(|json| json[name].as_f64().unwrap());
+    let found = files.run("compare ./reference.png ./image.png --json --by seams=10 --maps ./maps").json();
+    let exact = json(&files, "--by seams=10");
     for (name, most) in [("flip", 2e-3), ("ssim", 2e-3), ("psnr", 0.05)] {
-        let [found, exact] = both(name);
+        let [found, exact] = [&found, &exact].map(|json| json[name].as_f64().unwrap());
         assert!((found - exact).abs() < most, "{name}: {found}, of the images {exact}");
     }
-    assert!(found["seams"]["ratio"].is_number() && image::open(maps.join("error.png")).is_ok());
-    let text = files.compare("reference.png", "image.png", &[]).stdout;
-    assert!(String::from_utf8(text).unwrap().contains("flip "));
-    files.refused("reference.png", "image.exr", &[], &["image.exr", "two pictures"]);
-    files.refused("reference.png", "image.png", &["--exposure", "1"], &["--exposure", "OpenEXR"]);
-    files.refused("reference.png", "image.png", &["--by", "kind"], &["--by kind", "OpenEXR"]);
-    std::fs::write(files.path("text.png"), "no picture").unwrap();
-    files.refused("reference.png", "text.png", &[], &["text.png"]);
+    assert!(found["seams"]["ratio"].is_number() && image::open(files.path("maps/error.png")).is_ok());
+    assert!(files.run("compare ./reference.png ./image.png").out.contains("flip "));
 }
 
 #[test]
 fn compare_names_the_channels_it_selects() {
-    let files = Files::new();
+    let files = files();
     let grey = vec![0.5; 48 * 40];
-    write_channels(
-        &files.path("layer.exr"),
-        Extent::new(48, 40),
-        &["left.B", "left.G", "left.R", "Z"].map(|n| (n, &grey[..])),
-    )
-    .unwrap();
-    let text = String::from_utf8(files.compare("reference.exr", "layer.exr", &[]).stdout).unwrap();
+    let channels = ["left.B", "left.G", "left.R", "Z"].map(|name| (name, &grey[..]));
+    write_channels(&files.path("layer.exr"), Extent::new(48, 40), &channels).unwrap();
+    let text = files.run("compare ./reference.exr ./layer.exr").out;
     assert!(text.contains("image: channels left.R, left.G, left.B") && !text.contains("reference:"), "{text}");
 }
 
 #[test]
 fn rejects_images_that_cannot_be_compared() {
-    let files = Files::new();
+    let files = files();
     write_rgb(&files.path("small.exr"), &scene(48, 39)).unwrap();
-    std::fs::write(files.path("text.exr"), "not an image").unwrap();
-    let whole = std::fs::read(files.path("image.exr")).unwrap();
-    std::fs::write(files.path("half.exr"), &whole[..whole.len() / 2]).unwrap();
-    files.refused("reference.exr", "small.exr", &[], &["reference.exr", "small.exr", "48x40", "48x39"]);
-    for bad in ["none.exr", "text.exr", "half.exr"] {
-        files.refused("reference.exr", bad, &[], &[bad]);
-        files.refused(bad, "image.exr", &[], &[bad]);
+    files.write("text.exr", "not an image");
+    let whole = files.bytes("image.exr");
+    files.write("half.exr", &whole[..whole.len() / 2]);
+    std::fs::create_dir(files.path("empty")).unwrap();
+    files.write("left/left.exr", &whole);
+    for name in ["reference.png", "image.png", "flip.png", "maps/flip.png"] {
+        files.write(name, ""); // Makes its folder.
+        write_png(&files.path(name), &tonemap(&scene(48, 40), 0.0, ToneCurve::Reinhard)).unwrap();
     }
-    for (option, value) in [
-        ("--by", "rings=0"),
-        ("--by", "seams"),
-        ("--gaze", "0.5"),
-        ("--gaze", "0.5,1.5"),
-        ("--gaze", "nan,0.5"),
-        ("--exposure", "nan"),
-        ("--yfov", "180"),
-        ("--yfov", "nan"),
-        ("--by", "seams=0"),
-        ("--by", "kind,seams=20,40"),
-        ("--by", "first"),
-    ] {
-        files.refused("reference.exr", "image.exr", &[option, value], &[option]);
-    }
-    files.refused("reference.exr", "image.exr", &["--gaze", "0.5,0.5"], &["--by rings"]);
-    files.refused("reference.exr", ".", &[], &["reference.exr", "name two images or two folders"]);
-    files.refused(".", "none", &[], &["none", "is not there"]);
-    files.refused(".", ".", &[], &["0 frame(s)", "left.exr and right.exr"]);
-    write_rgb(&files.path("left.exr"), &scene(48, 40)).unwrap();
-    files.refused(".", ".", &[], &["right.exr"]);
+    files.write("text.png", "no picture");
+    files.refuses(
+        2,
+        COMPARE,
+        "
+        --by {rings=0 seams seams=0 kind,seams=20,40 first} => --by
+        --gaze {0.5 0.5,1.5 nan,0.5} => --gaze
+        --gaze 0.5,0.5 => --by rings
+        --exposure nan => --exposure
+        --yfov {180 nan} => --yfov
+        compare ./reference.exr ./small.exr => reference.exr | small.exr | 48x40 | 48x39
+        compare ./reference.exr ./{none.exr text.exr half.exr} => {}
+        compare ./{none.exr text.exr half.exr} ./image.exr => {}
+        compare ./reference.exr ./ => reference.exr | name two images or two folders
+        compare ./ ./none => none | is not there
+        compare ./empty ./empty => 0 frame(s) | left.exr and right.exr
+        compare ./left ./left => right.exr
+        compare ./reference.png ./image.exr => image.exr | two pictures
+        compare ./reference.png ./image.png --exposure 1 => --exposure | OpenEXR
+        compare ./reference.png ./image.png --by kind => --by kind | OpenEXR
+        compare ./reference.png ./text.png => text.png
+        compare ./reference.png ./maps/flip.png --maps ./maps => flip.png | another folder
+        ",
+    );
+    files.refuses(1, COMPARE, "--maps ./image.exr => choose another --maps");
 }

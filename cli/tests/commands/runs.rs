@@ -1,11 +1,11 @@
 //! Runs of every kind that writes numbers. Each runs once for all tests of its files.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use serde_json::Value;
 
-use crate::common::{diptych, is_thorough};
+use crate::common::{Folder, is_thorough};
 
 /// Names and arguments of the runs.
 const RUNS: [(&str, &str); 12] = [
@@ -59,7 +59,7 @@ pub fn is_looked_at(run: &str) -> bool {
 /// Files and results of a run.
 pub struct Run {
     name: &'static str,
-    folder: tempfile::TempDir,
+    folder: Folder,
     /// Result event at its end.
     pub result: Value,
 }
@@ -73,13 +73,8 @@ pub fn run(name: &str) -> &'static Run {
 
 impl Run {
     fn make((name, options): (&'static str, &str)) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let mut args: Vec<&str> = options.split_whitespace().collect();
-        args.extend(["--json", "--out", folder.path().to_str().unwrap()]);
-        let output = diptych(&args);
-        assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
-        let text = String::from_utf8(output.stdout).unwrap();
-        let result = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+        let folder = Folder::new();
+        let result = folder.run(&format!("{options} --json --out ./")).json();
         Self { name, folder, result }
     }
 
@@ -88,29 +83,25 @@ impl Run {
         self.result["rows"].as_array().unwrap_or_else(|| panic!("{} has no rows", self.name))
     }
 
-    pub fn folder(&self) -> &Path {
-        self.folder.path()
-    }
-
-    fn path(&self, file: &str) -> PathBuf {
-        self.folder.path().join(file)
+    pub fn folder(&self) -> PathBuf {
+        self.folder.path("")
     }
 
     #[track_caller]
     pub fn text(&self, file: &str) -> String {
-        std::fs::read_to_string(self.path(file)).unwrap_or_else(|e| panic!("{}/{file}: {e}", self.name))
+        self.folder.text(file)
     }
 
     #[track_caller]
     pub fn json(&self) -> Value {
-        serde_json::from_str(&self.text("run.json")).unwrap_or_else(|e| panic!("{}/run.json: {e}", self.name))
+        self.folder.json("run.json")
     }
 
     /// Parses a CSV file into names of columns and lines. Fails if a line has a different length.
     #[track_caller]
     pub fn csv(&self, file: &str) -> (Vec<String>, Vec<Vec<String>>) {
-        let mut reader =
-            csv::Reader::from_path(self.path(file)).unwrap_or_else(|e| panic!("{}/{file}: {e}", self.name));
+        let text = self.text(file);
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
         let columns = reader.headers().unwrap().iter().map(str::to_owned).collect();
         let lines = reader.records().map(|r| r.unwrap_or_else(|e| panic!("{}/{file}: {e}", self.name)));
         (columns, lines.map(|line| line.iter().map(str::to_owned).collect()).collect())

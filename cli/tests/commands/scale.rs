@@ -1,18 +1,13 @@
 //! `scale` reports its measurements in a table for programs and on a self-contained page.
 
-use std::path::Path;
-
-use crate::common::diptych;
+use crate::common::Folder;
 use crate::runs::run;
 use serde_json::Value;
 
 /// Scales a small scene with files in `out`; returns the result.
-fn scale(out: &Path, options: &[&str]) -> Value {
-    let args = ["scale", "builtin:checker", "--size", "48x32", "--threads-per-device", "1", "--json"];
-    let output = diptych(&[&args[..], &["--out", out.to_str().unwrap()], options].concat());
-    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    serde_json::from_str(text.lines().last().unwrap()).unwrap()
+fn scale(folder: &Folder, options: &str) -> Value {
+    let line = "scale builtin:checker --size 48x32 --threads-per-device 1 --json --out ./";
+    folder.run(&format!("{line} {options}")).json()
 }
 
 #[test]
@@ -40,15 +35,11 @@ fn rows_have_spread_and_transferred_bytes() {
 /// simulated ones have the same base.
 #[test]
 fn all_counts_have_equal_threads_per_device() {
-    let folder = tempfile::tempdir().unwrap();
-    let args = ["scale", "builtin:checker", "--size", "48x32", "--counts", "2", "--simulate", "2,4", "--json"];
-    let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let folder = Folder::new();
+    let line = "scale builtin:checker --size 48x32 --counts 2 --simulate 2,4 --json --out ./";
+    let result = folder.run(line).json();
     let (rows, simulated) = (result["rows"].as_array().unwrap(), result["simulated"].as_array().unwrap());
-    let run = std::fs::read_to_string(folder.path().join("run.json")).unwrap();
-    let run: Value = serde_json::from_str(&run).unwrap();
+    let run = folder.json("run.json");
     let is_software = run["devices"][0]["threads"].is_number();
     let cores = std::thread::available_parallelism().unwrap().get();
     let expected = if is_software { Value::from((cores / 2).max(1)) } else { Value::Null };
@@ -67,8 +58,8 @@ fn all_counts_have_equal_threads_per_device() {
 #[test]
 fn speedup_is_relative_to_one_device() {
     for (counts, expected) in [("2,1,2", &[1, 2][..]), ("1", &[1])] {
-        let folder = tempfile::tempdir().unwrap();
-        let result = scale(folder.path(), &["--counts", counts]);
+        let folder = Folder::new();
+        let result = scale(&folder, &format!("--counts {counts}"));
         let rows = result["rows"].as_array().unwrap();
         let devices: Vec<u64> = rows.iter().map(|row| row["devices"].as_u64().unwrap()).collect();
         assert_eq!(devices, expected, "{counts}");
@@ -80,8 +71,8 @@ fn speedup_is_relative_to_one_device() {
             assert!((speedup - period_ms(&rows[0]) / period_ms(row)).abs() < 1e-9, "{row}");
             assert!((efficiency - speedup / devices).abs() < 1e-9, "{row}");
         }
-        assert!(!folder.path().join("simulate.csv").exists());
-        assert!(!folder.path().join("report.html").exists());
+        assert!(!folder.path("simulate.csv").exists());
+        assert!(!folder.path("report.html").exists());
     }
 }
 
@@ -89,13 +80,11 @@ fn speedup_is_relative_to_one_device() {
 /// the base although it is not among the counts.
 #[test]
 fn options_per_device_spare_the_run_on_one_device() {
-    let folder = tempfile::tempdir().unwrap();
-    let each = ["--counts", "2", "--set", "slowdown=1,2", "--ratios", "2,1"];
-    let result = scale(folder.path(), &each);
+    let folder = Folder::new();
+    let result = scale(&folder, "--counts 2 --set slowdown=1,2 --ratios 2,1");
     let devices: Vec<_> = result["rows"].as_array().unwrap().iter().map(|row| &row["devices"]).collect();
     assert_eq!(devices, [1, 2]);
-    let run = std::fs::read_to_string(folder.path().join("run.json")).unwrap();
-    let run: Value = serde_json::from_str(&run).unwrap();
+    let run = folder.json("run.json");
     let rows: Vec<&Value> = run["frames"].as_array().unwrap().iter().map(|frame| &frame["stripes"]).collect();
     assert!(*rows[0] == serde_json::json!([32]) && *rows[9] == serde_json::json!([21, 11]), "{rows:?}");
 }
@@ -112,16 +101,6 @@ fn page_of_scale_is_complete() {
     assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (2, 6));
     assert!(page.contains(run.text("scale.svg").trim()));
     assert_eq!(run.text("simulate.csv").lines().count(), 4);
-}
-
-#[test]
-fn rejects_simulation_of_frames_in_flight() {
-    let folder = tempfile::tempdir().unwrap();
-    let args = ["scale", "builtin:checker", "--size", "48x32", "--set", "frames_in_flight=2", "--simulate", "1,2"];
-    let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
-    assert!(said.contains("frames_in_flight"), "{said}");
 }
 
 /// Each frame is timed while others are in flight behind it, which are not timed. Five frames give four periods.

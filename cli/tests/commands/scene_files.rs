@@ -1,22 +1,21 @@
 //! glTF files with triangles of extreme size, many copies of a mesh, and missing textures.
 
-use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use diptych::image::RgbImage;
 use diptych::image::exr::read_rgb;
 use serde_json::{Value, json};
 
-use crate::common::diptych;
+use crate::common::Folder;
 
-/// Writes a square floor with half sides of two units, below a camera and a directional light of irradiance pi. Its
+/// Writes `floor.gltf`: a square floor with half sides of two units, below a camera and a directional light of irradiance pi. Its
 /// albedo is 0.5, so its radiance is too.
-fn floor(folder: &Path, unit: f64, change: impl FnOnce(&mut Value)) -> PathBuf {
+fn write_floor(folder: &Folder, unit: f64, change: impl FnOnce(&mut Value)) {
     let corners = [[-2.0, 0.0, -2.0], [-2.0, 0.0, 2.0], [2.0, 0.0, 2.0], [2.0, 0.0, -2.0]];
     let positions: Vec<f32> = corners.iter().flatten().map(|x: &f64| (x * unit) as f32).collect();
     let indices: [u16; 6] = [0, 1, 2, 0, 2, 3];
     let bytes = [bytemuck::cast_slice::<f32, u8>(&positions), bytemuck::cast_slice(&indices)].concat();
-    std::fs::write(folder.join("floor.bin"), bytes).unwrap();
+    folder.write("floor.bin", bytes);
     let down = json!([-std::f64::consts::FRAC_1_SQRT_2, 0, 0, std::f64::consts::FRAC_1_SQRT_2]);
     let matte = json!({"baseColorFactor": [0.5, 0.5, 0.5, 1], "metallicFactor": 0, "roughnessFactor": 1});
     let mut json = json!({
@@ -46,29 +45,23 @@ fn floor(folder: &Path, unit: f64, change: impl FnOnce(&mut Value)) -> PathBuf {
         ]}},
     });
     change(&mut json);
-    let path = folder.join("floor.gltf");
-    std::fs::write(&path, json.to_string()).unwrap();
-    path
+    folder.write("floor.gltf", json.to_string());
 }
 
-/// Renders a file. Returns the left eye's image and the messages.
+/// Renders the floor. Returns the left eye's image and the messages.
 #[track_caller]
-fn render(folder: &Path, file: &Path, options: &[&str]) -> (RgbImage, String) {
-    let out = folder.join("out");
-    let args = ["render", file.to_str().unwrap(), "--size", "16x9", "--spp", "1", "--exposure", "0"];
-    let plain = ["--denoiser", "none", "--environment", "0,0,0", "--set", "baseline=0", "--out", out.to_str().unwrap()];
-    let output = diptych(&[&args[..], &plain, options].concat());
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{said}");
-    (read_rgb(&out.join("left.exr")).unwrap(), said)
+fn render(folder: &Folder, options: &str) -> (RgbImage, String) {
+    let plain = "--spp 1 --exposure 0 --denoiser none --environment 0,0,0 --set baseline=0";
+    let said = folder.run(&format!("render ./floor.gltf --size 16x9 {plain} --out ./out {options}")).errors;
+    (read_rgb(&folder.path("out/left.exr")).unwrap(), said)
 }
 
 #[test]
 fn floor_of_any_size_is_lit() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     for unit in [1e-15, 1e-12, 1.0, 1.2e9, 2e13] {
-        let file = floor(folder.path(), unit, |_| ());
-        let (image, said) = render(folder.path(), &file, &[]);
+        write_floor(&folder, unit, |_| ());
+        let (image, said) = render(&folder, "");
         let is_lit = |pixel: &[f32; 3]| pixel.iter().all(|channel| (channel - 0.5).abs() < 1e-3);
         assert!(image.pixels.iter().all(is_lit), "{unit:e}: {:?} {said}", image.pixels[0]);
     }
@@ -76,17 +69,18 @@ fn floor_of_any_size_is_lit() {
 
 #[test]
 fn copies_in_one_place_look_like_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let (one, _) = render(folder.path(), &floor(folder.path(), 1.0, |_| ()), &[]);
+    let folder = Folder::new();
+    write_floor(&folder, 1.0, |_| ());
+    let (one, _) = render(&folder, "");
     for alpha_mode in ["OPAQUE", "MASK"] {
-        let file = floor(folder.path(), 1.0, |json| {
+        write_floor(&folder, 1.0, |json| {
             json["materials"][0]["alphaMode"] = json!(alpha_mode);
             let nodes = json["nodes"].as_array_mut().unwrap();
             nodes.resize(2000, json!({"mesh": 0}));
             json["scenes"][0]["nodes"] = (0..2000).collect();
         });
         let begin = Instant::now();
-        let (image, said) = render(folder.path(), &file, &["--set", "scene_cache=off"]);
+        let (image, said) = render(&folder, "--set scene_cache=off");
         assert!(begin.elapsed() < Duration::from_secs(60), "{alpha_mode}: {:?}", begin.elapsed());
         assert_eq!(image, one, "{alpha_mode} {said}");
     }
@@ -94,16 +88,14 @@ fn copies_in_one_place_look_like_one() {
 
 #[test]
 fn rejects_missing_textures_in_strict_mode() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = floor(folder.path(), 1.0, |json| {
+    let folder = Folder::new();
+    write_floor(&folder, 1.0, |json| {
         json["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({"index": 0});
         json["textures"] = json!([{"source": 0}]);
         json["images"] = json!([{"uri": "textures\\grey.png"}]);
     });
-    let (image, said) = render(folder.path(), &file, &[]);
+    let (image, said) = render(&folder, "");
     assert!(image.pixels.iter().flatten().all(|channel| (channel - 0.5).abs() < 1e-3));
     assert!(said.contains("images that cannot be read are left out"), "{said}");
-    let strict = diptych(&["info", file.to_str().unwrap(), "--set", "strict=on"]);
-    let said = String::from_utf8(strict.stderr).unwrap();
-    assert!(strict.status.code() == Some(2) && said.contains("cannot read") && said.contains("grey.png"), "{said}");
+    folder.refuses(2, "", "info ./floor.gltf --set strict=on => cannot read | grey.png");
 }

@@ -104,9 +104,9 @@ fn play() -> Play {
 
 /// Neither the record nor the page's samples grow, and rows are written to `run.json` without holding all of them.
 #[test]
-fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
+fn sessions_hold_constant_memory_for_an_hour() {
+    let folder = crate::common::Folder::new();
+    let mut record = FrameRecord::create(&folder.path(""), 2, BUDGET_MS).unwrap();
     let mut samples = FrameSamples::default();
     let (mut early, mut most) = (0, 0);
     for index in 0..HOUR {
@@ -126,8 +126,7 @@ fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
     }
     assert!(early > 100_000, "nothing was counted: {early} bytes");
     assert!(most < early + 16_384, "{most} bytes after {early}");
-    let lines = std::fs::read(folder.path().join("frames.csv")).unwrap();
-    assert_eq!(lines.iter().filter(|byte| **byte == b'\n').count(), 1 + HOUR as usize);
+    assert_eq!(folder.text("frames.csv").lines().count(), 1 + HOUR as usize);
     let summary = record.play.summary(&play()).unwrap();
     assert_eq!(summary.judged_frames, HOUR as usize - SETTLING_FRAMES);
     let mut judged: Vec<f64> = (SETTLING_FRAMES as u32..HOUR).map(makespan_ms).collect();
@@ -191,7 +190,7 @@ fn sums_are_those_of_all_frames_but_the_first() {
 }
 
 #[test]
-fn the_longest_excursion_is_the_first_of_as_many_frames() {
+fn longest_excursion_is_the_first_of_its_length() {
     let mut tally = PlayTally::new(BUDGET_MS);
     for index in 0..100 {
         let in_band = !matches!(index, 40..43 | 50..55 | 60..65 | 98..);
@@ -203,7 +202,7 @@ fn the_longest_excursion_is_the_first_of_as_many_frames() {
 }
 
 #[test]
-fn a_page_shows_the_slowest_frames_of_a_long_run_and_all_of_a_short_one() {
+fn page_shows_the_slowest_frames_of_a_long_run() {
     let mut samples = FrameSamples::default();
     let normal = |index| FrameRow { makespan_ms: 15.0, ..row(index) };
     (0..4096).for_each(|index| samples.add(&normal(index), Vec::new()));
@@ -223,8 +222,8 @@ fn a_page_shows_the_slowest_frames_of_a_long_run_and_all_of_a_short_one() {
 
 #[test]
 fn rows_in_a_file_are_the_rows() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
+    let folder = crate::common::Folder::new();
+    let mut record = FrameRecord::create(&folder.path(""), 2, BUDGET_MS).unwrap();
     let rig = Rig::of_keys(vec![diptych::scene::rig::RigKey {
         time_s: 0.0,
         position: glam::DVec3::new(0.1, 1e-9, 12_345.678),
@@ -242,14 +241,12 @@ fn rows_in_a_file_are_the_rows() {
     assert_eq!(text, serde_json::to_vec(&rows).unwrap());
     // A run that is killed here leaves the files; the next run keeps them.
     drop(record);
-    let Unfinished { frames, kept } = Unfinished::keep(folder.path()).unwrap().unwrap();
+    let Unfinished { frames, kept } = Unfinished::keep(&folder.path("")).unwrap().unwrap();
     assert_eq!((frames, kept.len()), (5, 2));
-    assert!(Unfinished::keep(folder.path()).unwrap().is_none());
+    assert!(Unfinished::keep(&folder.path("")).unwrap().is_none());
     // A run that finishes leaves only its frames.csv.
-    let record = FrameRecord::create(folder.path(), 2, BUDGET_MS).unwrap();
+    let record = FrameRecord::create(&folder.path(""), 2, BUDGET_MS).unwrap();
     record.finish().unwrap();
-    assert!(Unfinished::keep(folder.path()).unwrap().is_none());
-    let mut names: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
-    names.sort();
-    assert_eq!(names, ["frames.csv", "frames.unfinished.csv", "run.unfinished.jsonl"]);
+    assert!(Unfinished::keep(&folder.path("")).unwrap().is_none());
+    assert_eq!(folder.names(""), ["frames.csv", "frames.unfinished.csv", "run.unfinished.jsonl"]);
 }

@@ -1,12 +1,10 @@
 //! Contact sheets, and what they are good for: every kind of material is seen at a glance in the default look.
 
-use std::path::{Path, PathBuf};
-
 use diptych::image::exr::read_channels;
 use diptych::scene::{Instance, Material, Mesh, Scene, gltf};
 use glam::{Affine3A, Vec3, Vec4};
 
-use crate::common::diptych;
+use crate::common::Folder;
 
 /// Returns a smooth ball of radius 1 that stands on y = 0.
 fn ball() -> Mesh {
@@ -26,13 +24,11 @@ fn ball() -> Mesh {
     Mesh { positions, normals, triangles: triangles.collect(), ..Mesh::default() }
 }
 
-/// Writes a ball of this material, and returns the file.
-fn write(folder: &Path, name: &str, material: Material) -> PathBuf {
+/// Writes a ball of this material as `NAME.glb`.
+fn write(folder: &Folder, name: &str, material: Material) {
     let instances = vec![Instance { mesh: 0, world_from_local: Affine3A::IDENTITY }];
     let scene = Scene { meshes: vec![ball()], instances, materials: vec![material], ..Scene::empty(name) };
-    let path = folder.join(format!("{name}.glb"));
-    gltf::write(&path, &scene).unwrap();
-    path
+    gltf::write(&folder.path(&format!("{name}.glb")), &scene).unwrap();
 }
 
 fn plastic(grey: f32, roughness: f32) -> Material {
@@ -47,15 +43,11 @@ const SIZE: [usize; 2] = [96, 72];
 
 /// Renders a file as `sheet` does. Returns the mean of the picture, and the mean difference between both sides of the
 /// object's silhouette.
-fn seen(folder: &Path, file: &Path) -> [f32; 2] {
-    let out = folder.join("out");
+fn seen(folder: &Folder, name: &str) -> [f32; 2] {
     let size = format!("{}x{}", SIZE[0], SIZE[1]);
-    let [file, to] = [file, &out].map(|path| path.to_str().unwrap());
-    let options = ["--size", &size, "--spp", "4", "--warm-up", "3", "--aov", "position", "--out", to];
-    let output = diptych(&[&["render", file], &options[..]].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let picture = image::open(out.join("left.png")).unwrap().to_luma32f();
-    let positions = read_channels(&out.join("left.position.exr"), ["X", "Y", "Z"]).unwrap().image;
+    folder.run(&format!("render ./{name}.glb --size {size} --spp 4 --warm-up 3 --aov position --out ./out"));
+    let picture = image::open(folder.path("out/left.png")).unwrap().to_luma32f();
+    let positions = read_channels(&folder.path("out/left.position.exr"), ["X", "Y", "Z"]).unwrap().image;
     let is_object = |x: usize, y: usize| positions.pixels[y * SIZE[0] + x][1] > 0.01;
     let value = |x: usize, y: usize| picture.get_pixel(x as u32, y as u32).0[0];
     let mut differences = Vec::new();
@@ -67,7 +59,7 @@ fn seen(folder: &Path, file: &Path) -> [f32; 2] {
             }
         }
     }
-    assert!(differences.len() > 40, "{file}: {} pixels", differences.len());
+    assert!(differences.len() > 40, "{name}: {} pixels", differences.len());
     let mean = |values: &[f32]| values.iter().sum::<f32>() / values.len() as f32;
     [mean(picture.as_raw()), mean(&differences)]
 }
@@ -75,7 +67,7 @@ fn seen(folder: &Path, file: &Path) -> [f32; 2] {
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
 fn every_material_stands_out_from_its_background() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let glass = Material { transmission: 1.0, roughness: 0.0, ..plastic(1.0, 0.0) };
     let red = Material { base_color: Vec4::new(0.6, 0.05, 0.04, 1.0), ..plastic(1.0, 0.4) };
     let materials = [
@@ -88,7 +80,8 @@ fn every_material_stands_out_from_its_background() {
         ("glass", glass),
     ];
     for (name, material) in materials {
-        let [mean, edge] = seen(folder.path(), &write(folder.path(), name, material));
+        write(&folder, name, material);
+        let [mean, edge] = seen(&folder, name);
         println!("{name}: mean {mean:.3}, silhouette {edge:.3}");
         assert!((0.15..0.7).contains(&mean), "{name}: the picture's mean is {mean}");
         // The rim of a mirror shows what is behind it, and glass shows it everywhere.
@@ -99,22 +92,17 @@ fn every_material_stands_out_from_its_background() {
 
 #[test]
 fn sheet_names_scenes_that_cannot_be_loaded() {
-    let folder = tempfile::tempdir().unwrap();
-    let good = write(folder.path(), "good", plastic(0.5, 0.5));
-    std::fs::write(folder.path().join("bad.glb"), b"glTF").unwrap();
-    let bad = folder.path().join("bad.glb");
-    let out = folder.path().join("sheets/all.png");
-    let [good, bad, to] = [&good, &bad, &out].map(|path| path.to_str().unwrap());
-    let output = diptych(&["export", good, bad, good, "--size", "64x48", "--columns", "2", "--out", to]);
-    let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{errors}");
-    assert!(errors.contains("bad.glb") && errors.contains("1 of 3 file(s)"), "{errors}");
-    let sheet = image::open(&out).unwrap().to_luma8();
+    let folder = Folder::new();
+    write(&folder, "good", plastic(0.5, 0.5));
+    folder.write("bad.glb", "glTF");
+    let scenes = "./good.glb ./bad.glb ./good.glb";
+    let said = folder.try_run(&format!("export {scenes} --size 64x48 --columns 2 --out ./sheets/all.png"));
+    assert_eq!(said.status, Some(2), "{}", said.errors);
+    assert!(said.errors.contains("bad.glb") && said.errors.contains("1 of 3 file(s)"), "{}", said.errors);
+    let sheet = image::open(folder.path("sheets/all.png")).unwrap().to_luma8();
     // Each picture has two lines of text below it.
     assert_eq!(sheet.dimensions(), (2 * 64 + 4, 2 * (48 + 44) + 4));
     let brightest = |x: u32, y: u32| (0..48).map(|dy| sheet.get_pixel(x + 32, y + dy).0[0]).max();
     assert!(brightest(0, 0) > Some(100) && brightest(68, 0) == Some(0), "the second picture is missing");
     assert!(brightest(0, 96) > Some(100));
-    let output = diptych(&["export", good, "--out", folder.path().join("sheet.jpg").to_str().unwrap()]);
-    assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains(".png"));
 }

@@ -3,26 +3,15 @@
 
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
-use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use crate::common;
-use serde_json::Value;
+use crate::common::Folder;
 
-fn json(path: &Path) -> Value {
-    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
-}
-
-/// Returns the number of files in a folder.
-fn count(folder: &Path) -> usize {
-    std::fs::read_dir(folder).unwrap().count()
-}
-
-/// Runs the command until `is_under_way`, sends it the signal and returns its exit status.
-fn interrupted(args: &[&str], signal: libc::c_int, is_under_way: impl Fn() -> bool) -> Option<i32> {
-    let mut run = program(args).stdout(Stdio::null()).spawn().unwrap();
-    while !is_under_way() {
+/// Runs the command until this file exists, sends it the signal and returns its exit status.
+fn interrupted(folder: &Folder, line: &str, signal: libc::c_int, file: &str) -> Option<i32> {
+    let mut run = program(folder, line).stdout(Stdio::null()).spawn().unwrap();
+    while !folder.path(file).exists() {
         assert_eq!(run.try_wait().unwrap(), None, "it has ended already");
         std::thread::sleep(Duration::from_millis(5));
     }
@@ -47,9 +36,9 @@ fn interrupted_at(text: &str, command: &mut Command, signal: libc::c_int) -> (Op
     (output.status.code(), after.join("\n") + &String::from_utf8_lossy(&output.stderr))
 }
 
-/// Returns the program with these arguments. It heeds SIGHUP even if these tests run under `nohup`.
-fn program(args: &[&str]) -> Command {
-    let mut command = common::program(args);
+/// Returns a process that heeds SIGHUP even if these tests run under `nohup`.
+fn program(folder: &Folder, line: &str) -> Command {
+    let mut command = folder.program(line);
     on_hangup(&mut command, libc::SIG_DFL);
     command
 }
@@ -72,55 +61,42 @@ fn signals_leave_complete_files() {
 }
 
 fn assert_leaves_whole_files(signal: libc::c_int, status: i32) {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, trace) = (folder.path().join("out"), folder.path().join("trace.json"));
-    let args =
-        ["render", "builtin:checker", "--size", "32x18", "--frames", "100000", "--trace", trace.to_str().unwrap()];
-    let args = [&args[..], &["--out", out.to_str().unwrap()]].concat();
-    assert_eq!(interrupted(&args, signal, || out.join("stereo.0001.png").exists()), Some(status));
-    let run = json(&out.join("run.json"));
-    let frames = run["frames"].as_array().unwrap().len();
+    let folder = Folder::new();
+    let line = "render builtin:checker --size 32x18 --frames 100000 --trace ./trace.json --out ./out";
+    assert_eq!(interrupted(&folder, line, signal, "out/stereo.0001.png"), Some(status));
+    let frames = folder.json("out/run.json")["frames"].as_array().unwrap().len();
     assert!(frames >= 2, "{frames}");
-    assert_eq!(count(&out), 5 * frames + 2);
-    assert_eq!(json(&trace)["otherData"]["complete"], true);
+    assert_eq!(folder.names("out").len(), 5 * frames + 2);
+    assert_eq!(folder.json("trace.json")["otherData"]["complete"], true);
 }
 
 #[test]
 fn interrupted_reference_keeps_its_samples() {
-    let folder = tempfile::tempdir().unwrap();
-    let (out, passes) = (folder.path().join("out"), folder.path().join("passes"));
-    let args = ["render", "builtin:checker", "--size", "32x18", "--reference", "--spp", "1000000"];
-    let folders = ["--set", &format!("passes_out={}", passes.display()), "--out", out.to_str().unwrap()];
-    let is_under_way = || passes.join("reference.state").exists();
-    assert_eq!(interrupted(&[&args[..], &folders].concat(), libc::SIGINT, is_under_way), Some(130));
-    let reference = &json(&out.join("run.json"))["references"][0];
-    assert!(reference["spp"].as_u64().unwrap() < 1_000_000, "{reference}");
-    assert!(reference["spp"].as_u64().unwrap() > 0, "{reference}");
-    assert!(out.join("left.exr").exists() && out.join("stereo.png").exists());
+    let folder = Folder::new();
+    let line = "render builtin:checker --size 32x18 --reference --spp 1000000 --set passes_out=./passes --out ./out";
+    assert_eq!(interrupted(&folder, line, libc::SIGINT, "passes/reference.state"), Some(130));
+    let reference = &folder.json("out/run.json")["references"][0];
+    assert!((1..1_000_000).contains(&reference["spp"].as_u64().unwrap()), "{reference}");
+    assert!(folder.path("out/left.exr").exists() && folder.path("out/stereo.png").exists());
 }
 
 #[test]
 fn run_interrupted_at_its_start_replaces_no_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let args = ["render", "builtin:checker", "--size", "16x9", "--warm-up", "0", "--also", "sheet", "--out", out];
-    assert!(program(&args).stdout(Stdio::null()).status().unwrap().success());
-    let before = json(&folder.path().join("run.json"));
-    let again = [&args[..], &["--json", "--frames", "4"]].concat();
-    let (status, said) = interrupted_at("loading", &mut program(&again), libc::SIGINT);
+    let folder = Folder::new();
+    let line = "render builtin:checker --size 16x9 --warm-up 0 --also sheet --out ./";
+    folder.run(line);
+    let before = folder.files();
+    let again = format!("{line} --json --frames 4");
+    let (status, said) = interrupted_at("loading", &mut program(&folder, &again), libc::SIGINT);
     assert_eq!(status, Some(130), "{said}");
     assert!(said.contains("interrupted") && !said.contains("result") && !said.contains("frames.csv"), "{said}");
-    assert_eq!(json(&folder.path().join("run.json")), before);
-    for name in before["pictures"].as_array().unwrap() {
-        assert!(folder.path().join(name.as_str().unwrap()).exists(), "{name}");
-    }
+    assert!(folder.files() == before);
 }
 
 #[test]
 fn run_under_nohup_survives_a_hangup() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let mut command = program(&["render", "builtin:checker", "--size", "16x9", "--json", "--out", out]);
+    let folder = Folder::new();
+    let mut command = program(&folder, "render builtin:checker --size 16x9 --json --out ./");
     on_hangup(&mut command, libc::SIG_IGN);
     let (status, said) = interrupted_at("loading", &mut command, libc::SIGHUP);
     assert_eq!(status, Some(0), "{said}");
@@ -128,11 +104,9 @@ fn run_under_nohup_survives_a_hangup() {
 
 #[test]
 fn interrupted_sheet_shows_its_scenes_so_far() {
-    let folder = tempfile::tempdir().unwrap();
-    let sheet = folder.path().join("sheet.png");
-    let scenes = ["builtin:checker"; 40];
-    let options = ["--size", "40x30", "--out", sheet.to_str().unwrap()];
-    let mut command = program(&[&["export"], &scenes[..], &options].concat());
+    let folder = Folder::new();
+    let line = format!("export {} --size 40x30 --out ./sheet.png", "builtin:checker ".repeat(40));
+    let mut command = program(&folder, &line);
     let mut run = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
     // The first line of progress comes after some seconds.
     let mut lines = BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap);
@@ -141,32 +115,28 @@ fn interrupted_sheet_shows_its_scenes_so_far() {
     send(&run, libc::SIGTERM);
     assert!(lines.any(|line| line == "interrupted"));
     assert_eq!(run.wait().unwrap().code(), Some(143));
-    let picture = image::open(&sheet).unwrap();
+    let picture = image::open(folder.path("sheet.png")).unwrap();
     assert!(picture.height() >= 30, "{}", picture.height());
 }
 
 #[test]
 fn interrupted_scale_writes_its_rows_so_far() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    let out = path("");
-    let args = ["scale", "builtin:checker", "--size", "16x9", "--frames", "200", "--warm-up", "0", "--counts", "2"];
-    let mut command = program(&[&args[..], &["--json", "--out", out.to_str().unwrap()]].concat());
-    let (status, said) = interrupted_at("\"devices\":2", &mut command, libc::SIGINT);
+    let folder = Folder::new();
+    let line = "scale builtin:checker --size 16x9 --frames 200 --warm-up 0 --counts 2 --json --out ./";
+    let (status, said) = interrupted_at("\"devices\":2", &mut program(&folder, line), libc::SIGINT);
     assert_eq!(status, Some(130), "{said}");
-    assert_eq!(std::fs::read_to_string(path("scale.csv")).unwrap().lines().count(), 2, "a header and one device");
-    assert!(path("run.json").exists());
+    assert_eq!(folder.text("scale.csv").lines().count(), 2, "a header and one device");
+    assert!(folder.path("run.json").exists());
 }
 
 #[test]
 #[ignore = "renders many pictures: `make test-full` runs it"]
 fn interrupted_check_writes_its_results_so_far() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let mut command = program(&["info", "--check", "--json", "--sizes", "16x9,1280x720", "--out", out]);
-    let (status, said) = interrupted_at("measured", &mut command, libc::SIGINT);
+    let folder = Folder::new();
+    let line = "info --check --json --sizes 16x9,1280x720 --out ./";
+    let (status, said) = interrupted_at("measured", &mut program(&folder, line), libc::SIGINT);
     assert_eq!(status, Some(130), "{said}");
-    let machine = json(&folder.path().join("machine.json"));
+    let machine = folder.json("machine.json");
     assert_eq!(machine["frames"].as_array().unwrap().len(), 1, "{machine}");
     assert!(machine["left_out"][0].as_str().unwrap().contains("signal"), "{machine}");
 }

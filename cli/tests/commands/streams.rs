@@ -1,30 +1,20 @@
-//! Standard output and standard error that cannot be written, and names that are not UTF-8.
+//! Standard output and standard error that cannot be written, names that are not UTF-8, and folders that others share.
 #![cfg(target_os = "linux")]
 
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
 use std::io::{self, Write};
 use std::os::unix::ffi::OsStrExt;
-use std::path::Path;
-use std::process::{Output, Stdio};
+use std::os::unix::net::UnixListener;
+use std::process::Stdio;
 
-use crate::common::{Stream, program, run_with};
+use crate::common::{Folder, Said, Stream, run_with};
 
 /// Runs the program in a folder as a process with this standard output.
-fn run(folder: &Path, args: &[&OsStr], stdout: impl Into<Stdio>) -> Output {
-    let mut command = program(&[]);
-    command.current_dir(folder).args(args).stdout(stdout).stderr(Stdio::piped());
-    command.spawn().unwrap().wait_with_output().unwrap()
-}
-
-fn words(line: &str) -> Vec<&OsStr> {
-    line.split(' ').map(OsStr::new).collect()
-}
-
-/// Returns the words of a line. `./` stands for this folder.
-fn words_in(folder: &Path, line: &str) -> Vec<OsString> {
-    let path = |word: &str| word.strip_prefix("./").map_or_else(|| word.into(), |name| folder.join(name).into());
-    line.split(' ').map(path).collect()
+fn run(folder: &Folder, line: &str, last: Option<&OsStr>, stdout: impl Into<Stdio>) -> Said {
+    let mut command = folder.program(line);
+    command.current_dir(folder.path("")).args(last).stdout(stdout).stderr(Stdio::piped());
+    Said::new(command.spawn().unwrap().wait_with_output().unwrap())
 }
 
 /// A stream whose every write fails with this error of the system.
@@ -38,10 +28,6 @@ impl Write for Broken {
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
-}
-
-fn errors(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// Commands that print and need no images.
@@ -58,11 +44,9 @@ const COMMANDS: [&str; 9] = [
 ];
 
 /// Returns a folder with the small frame `a` and its trace.
-fn rendered() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
-    let line = "render builtin:checker --size 16x9 --warm-up 0 --trace trace.json --out a";
-    let output = run(folder.path(), &words(line), Stdio::null());
-    assert!(output.status.success(), "{}", errors(&output));
+fn rendered() -> Folder {
+    let folder = Folder::new();
+    folder.run("render builtin:checker --size 16x9 --warm-up 0 --trace ./trace.json --out ./a");
     folder
 }
 
@@ -83,45 +67,44 @@ fn command_fails_if_its_output_is_full() {
     };
     for line in of_files.into_iter().chain(COMMANDS) {
         let messages = Stream::default();
-        let status = run_with(&words_in(folder.path(), line), Broken(libc::ENOSPC), messages.clone());
+        let status = run_with(&folder.words(line), Broken(libc::ENOSPC), messages.clone());
         assert_fails(line, Some(status.into()), &String::from_utf8_lossy(&messages.take()));
     }
     for line in ["info", "render --help"] {
         let full = File::options().write(true).open("/dev/full").unwrap();
-        let output = run(folder.path(), &words(line), full);
-        assert_fails(line, output.status.code(), &errors(&output));
+        let said = run(&folder, line, None, full);
+        assert_fails(line, said.status, &said.errors);
     }
-    assert!(folder.path().join("b/run.json").exists(), "files do not depend on standard output");
+    assert!(folder.path("b/run.json").exists(), "files do not depend on standard output");
 }
 
 #[test]
 fn command_ignores_a_closed_pipe() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     for line in COMMANDS {
         let messages = Stream::default();
-        let status = run_with(&words_in(folder.path(), line), Broken(libc::EPIPE), messages.clone());
+        let status = run_with(&folder.words(line), Broken(libc::EPIPE), messages.clone());
         assert_eq!((status, messages.take()), (0, Vec::new()), "{line}");
     }
     for line in ["info", "render --help"] {
         let (reader, writer) = io::pipe().unwrap();
         drop(reader);
-        let output = run(folder.path(), &words(line), writer);
-        assert_eq!((output.status.code(), errors(&output)), (Some(0), String::new()), "{line}");
+        let said = run(&folder, line, None, writer);
+        assert_eq!((said.status, said.errors), (Some(0), String::new()), "{line}");
     }
 }
 
 #[test]
 fn command_ignores_errors_of_standard_error() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     for (line, status) in [
-        ("render builtin:checker --size 16x9 --warm-up 0 --exposure -9 --out a", 0),
-        ("render missing.glb --out b", 2),
+        ("render builtin:checker --size 16x9 --warm-up 0 --exposure -9 --out ./a", 0),
+        ("render missing.glb --out ./b", 2),
         ("render --unknown", 2),
     ] {
-        let full = || File::options().write(true).open("/dev/full").unwrap();
-        let mut command = program(&[]);
-        command.current_dir(folder.path()).args(words(line)).stdout(Stdio::null()).stderr(full());
-        assert_eq!(command.status().unwrap().code(), Some(status), "{line}");
+        let full = File::options().write(true).open("/dev/full").unwrap();
+        let status_found = folder.program(line).stdout(Stdio::null()).stderr(full).status().unwrap();
+        assert_eq!(status_found.code(), Some(status), "{line}");
     }
 }
 
@@ -132,15 +115,14 @@ fn bytes(name: &str) -> OsString {
 
 #[test]
 fn output_folder_may_have_a_name_that_is_not_utf8() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     for (name, line) in [
         ("render", "render builtin:checker --size 16x9 --warm-up 0 --out"),
         ("scale", "scale builtin:checker --size 16x9 --frames 1 --report --counts 1 --warm-up 0 --out"),
     ] {
         let out = bytes(name);
-        let output = run(folder.path(), &[&words(line)[..], &[&out]].concat(), Stdio::null());
-        assert_eq!(output.status.code(), Some(0), "{name}: {}", errors(&output));
-        let text = std::fs::read_to_string(folder.path().join(&out).join("run.json")).unwrap();
+        run(&folder, line, Some(&out), Stdio::null()).success(name);
+        let text = std::fs::read_to_string(folder.path("").join(&out).join("run.json")).unwrap();
         let run: serde_json::Value = serde_json::from_str(&text).unwrap();
         assert!(run["command"].as_str().unwrap().ends_with(&format!("--out {name}-\u{fffd}")), "{}", run["command"]);
         assert_eq!(run["settings"]["out"], format!("{name}-\u{fffd}"));
@@ -150,7 +132,6 @@ fn output_folder_may_have_a_name_that_is_not_utf8() {
 #[test]
 fn every_path_may_have_bytes_that_are_not_utf8() {
     let folder = rendered();
-    let name = bytes("name");
     for line in [
         "trace ./trace.json",
         "compare ./a ./a --json --maps",
@@ -160,12 +141,35 @@ fn every_path_may_have_bytes_that_are_not_utf8() {
         "render builtin:checker --size 16x9 --out ./b --set",
         "render",
     ] {
-        let args = [words_in(folder.path(), line), vec![folder.path().join(&name).into()]].concat();
+        let words = folder.words(line).into_iter().map(OsString::from);
+        let args: Vec<OsString> = words.chain([folder.path("").join(bytes("name")).into()]).collect();
         let messages = Stream::default();
         let status = run_with(&args, io::sink(), messages.clone());
         assert!((0..=2).contains(&status), "{line}: {}", String::from_utf8_lossy(&messages.take()));
     }
     let line = "render builtin:checker --size 16x9 --out b --trace";
-    let output = run(folder.path(), &[&words(line)[..], &[&bytes("trace")]].concat(), Stdio::null());
-    assert_eq!(output.status.code(), Some(0), "{line}: {}", errors(&output));
+    run(&folder, line, Some(&bytes("trace")), Stdio::null()).success(line);
+}
+
+/// Without a private runtime folder, no shared one takes its place: anyone could plant a display server there, and the
+/// program would connect to it.
+#[test]
+fn program_ignores_display_servers_in_shared_folders() {
+    let shared = Folder::new();
+    let planted = UnixListener::bind(shared.path("wayland-0")).unwrap();
+    planted.set_nonblocking(true).unwrap();
+    let mut command = shared.program("info");
+    command.env("TMPDIR", shared.path(""));
+    for variable in ["XDG_RUNTIME_DIR", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "NODEVICE_SELECT"] {
+        command.env_remove(variable);
+    }
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut spoken_to = false;
+    while child.try_wait().unwrap().is_none() {
+        spoken_to |= planted.accept().is_ok();
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let said = Said::new(child.wait_with_output().unwrap()).success("info");
+    assert!(!said.errors.contains("XDG_RUNTIME_DIR"), "{}", said.errors);
+    assert!(!spoken_to && planted.accept().is_err());
 }

@@ -1,46 +1,29 @@
 //! Studies measure correctly: sequences against their references, and seams by policy.
 
-use std::path::Path;
-
-use crate::common::diptych;
+use crate::common::Folder;
 use crate::runs::run;
 use serde_json::Value;
 
 /// Renders frames of the checker scene with the auxiliary images for a comparison.
-fn render(out: &Path, options: &[&str]) {
-    let fixed = ["render", "builtin:checker", "--size", "64x40", "--frames", "3", "--fps", "6", "--quiet"];
-    let out = ["--out", out.to_str().unwrap()];
-    let output = diptych(&[&fixed[..], &out, options].concat());
-    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
+fn render(folder: &Folder, out: &str, options: &str) {
+    let fixed = "render builtin:checker --size 64x40 --frames 3 --fps 6 --quiet";
+    folder.run(&format!("{fixed} --out ./{out} {options}"));
 }
 
-const AOVS: [&str; 2] = ["--aov", "motion,position,normal"];
-
-fn compare(reference: &Path, image: &Path) -> Value {
-    let output = diptych(&["compare", reference.to_str().unwrap(), image.to_str().unwrap(), "--json"]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
-#[track_caller]
-fn refused(args: &[&str], parts: &[&str]) {
-    let output = diptych(args);
-    let text = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(2) && parts.iter().all(|p| text.contains(p)), "{args:?}: {text}");
-}
+const AOVS: &str = "--aov motion,position,normal";
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn noise_flickers_and_filtering_calms_it() {
-    let folder = tempfile::tempdir().unwrap();
-    let [right, noisy, filtered] = ["right", "noisy", "filtered"].map(|name| folder.path().join(name));
-    render(&right, &["--spp", "64", "--denoiser", "none", "--seed", "9"]);
-    render(&noisy, &[&AOVS[..], &["--denoiser", "none"]].concat());
+    let folder = Folder::new();
+    render(&folder, "right", "--spp 64 --denoiser none --seed 9");
+    render(&folder, "noisy", &format!("{AOVS} --denoiser none"));
     // Frames of both runs look through the same points of their pixels.
-    render(&filtered, &[&AOVS[..], &["--denoiser", "atrous"]].concat());
+    render(&folder, "filtered", &format!("{AOVS} --denoiser atrous"));
     let of = |found: &Value, eye: &str, name: &str| found[eye][name].as_f64().unwrap();
 
-    let [noisy_found, filtered_found] = [&noisy, &filtered].map(|image| compare(&right, image));
+    let [noisy_found, filtered_found] =
+        ["noisy", "filtered"].map(|image| folder.run(&format!("compare ./right ./{image} --json")).json());
     for eye in ["left", "right"] {
         println!("{eye}: {} and {}", noisy_found[eye], filtered_found[eye]);
         assert_eq!(
@@ -54,41 +37,39 @@ fn noise_flickers_and_filtering_calms_it() {
         assert_eq!(new_share, of(&filtered_found, eye, "new_share"), "surfaces are the same for both");
     }
     // Twelve stops darker, the image is almost black.
-    let dark = diptych(&["compare", right.to_str().unwrap(), noisy.to_str().unwrap(), "--json", "--exposure", "-12"]);
-    let dark: Value = serde_json::from_slice(&dark.stdout).unwrap();
+    let dark = folder.run("compare ./right ./noisy --json --exposure -12").json();
     assert_eq!((of(&noisy_found, "left", "exposure_ev"), of(&dark, "left", "exposure_ev")), (0.0, -12.0));
     assert!(of(&dark, "left", "flicker") < 0.1 * of(&noisy_found, "left", "flicker"), "{dark}");
 
-    let same = compare(&noisy, &noisy);
+    let same = folder.run("compare ./noisy ./noisy --json").json();
     assert_eq!((of(&same, "left", "flicker"), &same["left"]["ghosting"]), (0.0, &Value::Null));
 
-    let text = diptych(&["compare", right.to_str().unwrap(), noisy.to_str().unwrap()]).stdout;
-    let text = String::from_utf8(text).unwrap();
+    let text = folder.run("compare ./right ./noisy").out;
     assert!(["flicker", "relmse"].iter().all(|name| text.lines().any(|l| l.starts_with(name))), "{text}");
     assert!(text.lines().any(|l| l.starts_with("exposure_ev     as the reference says")), "{text}");
 }
 
 #[test]
-fn sequences_that_lack_something_are_refused_by_its_name() {
-    let folder = tempfile::tempdir().unwrap();
-    let [with, without] = ["with", "without"].map(|name| folder.path().join(name));
-    render(&with, &AOVS);
-    render(&without, &[]);
-    let [with_text, without_text] = [&with, &without].map(|path| path.to_str().unwrap());
-    refused(&["compare", with_text, without_text], &["left.motion.0000.exr", "--aov motion,position,normal"]);
-    refused(&["compare", with_text, with_text, "--by", "rings"], &["--by rings"]);
-    let file = with.join("left.0000.exr");
-    refused(&["compare", with_text, file.to_str().unwrap()], &["with"]);
-
-    std::fs::remove_file(with.join("right.normal.0002.exr")).unwrap();
-    refused(&["compare", without_text, with_text], &["frame 2, right eye", "right.normal.0002.exr"]);
-    std::fs::remove_file(with.join("left.0001.exr")).unwrap();
-    refused(&["compare", without_text, with_text], &["with/left.0001.exr"]);
-    refused(&["compare", with_text, with_text], &["no frame between 0 and 2"]);
-    let empty = folder.path().join("empty");
-    std::fs::create_dir(&empty).unwrap();
-    let empty = empty.to_str().unwrap();
-    refused(&["compare", empty, empty], &["0 frame(s)"]);
+fn rejects_sequences_that_lack_something() {
+    let folder = Folder::new();
+    render(&folder, "with", AOVS);
+    render(&folder, "without", "");
+    std::fs::create_dir(folder.path("empty")).unwrap();
+    let table = "
+        compare ./with ./without => left.motion.0000.exr | --aov motion,position,normal
+        compare ./with ./with --by rings => --by rings
+        compare ./with ./with/left.0000.exr => with
+        compare ./empty ./empty => 0 frame(s)
+    ";
+    folder.refuses(2, "", table);
+    std::fs::remove_file(folder.path("with/right.normal.0002.exr")).unwrap();
+    folder.refuses(2, "", "compare ./without ./with => frame 2, right eye | right.normal.0002.exr");
+    std::fs::remove_file(folder.path("with/left.0001.exr")).unwrap();
+    let table = "
+        compare ./without ./with => with/left.0001.exr
+        compare ./with ./with => no frame between 0 and 2
+    ";
+    folder.refuses(2, "", table);
 }
 
 #[test]
@@ -116,17 +97,6 @@ fn only_the_halo_leaves_no_seam() {
         let row = format!("<td>{setting}</td><td>{value}</td>");
         assert!(page.contains(&row), "no {row}");
     }
-}
-
-#[test]
-fn studies_refuse_what_does_not_go_with_them() {
-    let bench = ["bench", "builtin:checker", "--out", "unused"];
-    refused(&[&bench[..], &["--denoiser", "none", "--iterations", "3"]].concat(), &["--iterations", "--denoiser"]);
-    refused(&[&bench[..], &["--set", "spp=2"]].concat(), &["spp has no effect in bench"]);
-    let fixed = ["study", "seams", "builtin:checker", "--out", "unused"];
-    refused(&[&fixed[..], &["--set", "denoiser=none"]].concat(), &["study seams", "denoiser"]);
-    refused(&[&fixed[..], &["--counts", "1"]].concat(), &["--counts"]);
-    refused(&[&fixed[..], &["--set", "seam=none"]].concat(), &["study seams", "seam"]);
 }
 
 #[test]

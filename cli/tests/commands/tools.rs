@@ -3,27 +3,19 @@
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
 use std::process::Command;
+
+use crate::common::{Folder, Said};
 
 /// Runs `tools/deps.sh` with a single driver whose library contains this text; returns its messages.
 fn deps_say(text: &str) -> String {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    fs::write(path("libvulkan_lvp.so"), [b"\x7fELF\0\xff", text.as_bytes(), b"\0more"].concat()).unwrap();
-    fs::write(path("lvp_icd.json"), r#"{"ICD": {"library_path": "./libvulkan_lvp.so"}}"#).unwrap();
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tools/deps.sh");
-    let output = Command::new("sh")
-        .arg(script)
-        .env("VK_DRIVER_FILES", path("lvp_icd.json"))
-        // Compilers need not be installed where tests run.
-        .env("CARGO", "sh")
-        .env("CXX", "sh")
-        .output()
-        .unwrap();
-    let said = String::from_utf8(output.stderr).unwrap();
-    assert!(output.status.success(), "{said}");
-    said
+    let folder = Folder::new();
+    folder.write("libvulkan_lvp.so", [b"\x7fELF\0\xff", text.as_bytes(), b"\0more"].concat());
+    let driver = folder.write("lvp_icd.json", r#"{"ICD": {"library_path": "./libvulkan_lvp.so"}}"#);
+    let mut script = Command::new("sh");
+    script.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/../tools/deps.sh")).env("VK_DRIVER_FILES", driver);
+    // Compilers need not be installed where tests run.
+    Said::new(script.env("CARGO", "sh").env("CXX", "sh").output().unwrap()).success(text).errors
 }
 
 #[test]
@@ -39,57 +31,40 @@ fn deps_warns_of_an_old_software_driver() {
 
 /// A folder with `tools/release-check.sh` and stubs of its commands: `make` with a target prints the file `TARGET`, and
 /// fails if `TARGET.fails` exists.
-struct Release(tempfile::TempDir);
+struct Release(Folder);
 
 impl Release {
     fn new() -> Self {
-        let release = Self(tempfile::tempdir().unwrap());
-        for folder in ["tools", "docs/results", "bin"] {
-            fs::create_dir_all(release.path(folder)).unwrap();
-        }
-        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../tools/release-check.sh");
-        fs::copy(script, release.path("tools/release-check.sh")).unwrap();
-        release.write("Cargo.toml", "version = \"1.2.3\"\n");
-        release.write("commit", "abc\n");
-        release.write("changes", "");
+        let release = Self(Folder::new());
+        fs::create_dir_all(release.0.path("docs/results")).unwrap();
+        release.0.write("tools/release-check.sh", include_bytes!("../../../tools/release-check.sh"));
+        release.0.write("Cargo.toml", "version = \"1.2.3\"\n");
+        release.0.write("commit", "abc\n");
+        release.0.write("changes", "");
         release.stub("git", "case $1 in rev-parse) cat commit ;; *) cat changes ;; esac");
         release.stub("rustc", "echo rustc 1.2.3");
         release.stub("make", "[ \"$2\" = RUN= ] || echo \"$2\"; cat $1; [ ! -e $1.fails ]");
         release
     }
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.path().join(name)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).unwrap();
-    }
-
     fn stub(&self, name: &str, script: &str) {
-        let path = self.path("bin").join(name);
-        fs::write(&path, format!("#!/bin/sh\n{script}\n")).unwrap();
+        let path = self.0.write(&format!("bin/{name}"), format!("#!/bin/sh\n{script}\n"));
         fs::set_permissions(path, fs::Permissions::from_mode(0o755)).unwrap();
     }
 
     /// Runs these steps; returns true if they passed.
     fn check(&self, steps: &[&str], newer_mesa: &str) -> bool {
-        let path = format!("{}:{}", self.path("bin").display(), std::env::var("PATH").unwrap());
+        let path = format!("{}:{}", self.0.path("bin").display(), std::env::var("PATH").unwrap());
         let mut script = Command::new("sh");
-        script.arg(self.path("tools/release-check.sh")).args(steps);
-        script.env("PATH", path).env("NEWER_MESA", newer_mesa).env_remove("MAKE").env_remove("RUSTC");
-        script
-            .env_remove("CARGO")
-            .env_remove("CARGO_TARGET_DIR")
-            .env_remove("GOLDEN")
-            .output()
-            .unwrap()
-            .status
-            .success()
+        script.arg(self.0.path("tools/release-check.sh")).args(steps).env("PATH", path).env("NEWER_MESA", newer_mesa);
+        for variable in ["MAKE", "RUSTC", "CARGO", "CARGO_TARGET_DIR", "GOLDEN"] {
+            script.env_remove(variable);
+        }
+        script.output().unwrap().status.success()
     }
 
     fn report(&self) -> String {
-        fs::read_to_string(self.path("docs/results/release-check.md")).unwrap_or_default()
+        fs::read_to_string(self.0.path("docs/results/release-check.md")).unwrap_or_default()
     }
 
     /// Returns a step's result, numbers of tests and remark.
@@ -110,9 +85,9 @@ test result: ok. 40 passed; 0 failed; 0 ignored; 0 measured; 0 filtered out; fin
 #[test]
 fn release_check_runs_all_steps_if_one_fails() {
     let release = Release::new();
-    release.write("lint", "test a::b ... FAILED\n");
-    release.write("lint.fails", "");
-    release.write("test", TESTS);
+    release.0.write("lint", "test a::b ... FAILED\n");
+    release.0.write("lint.fails", "");
+    release.0.write("test", TESTS);
     assert!(!release.check(&["lint", "test", "test-newer", "golden-compare"], ""));
     for line in ["| commit | abc |", "| diptych | 1.2.3 |", "| compiler | rustc 1.2.3 |"] {
         assert!(release.report().contains(line), "{}", release.report());
@@ -127,24 +102,24 @@ fn release_check_runs_all_steps_if_one_fails() {
 #[test]
 fn release_check_resumes_on_the_same_commit() {
     let release = Release::new();
-    release.write("lint", "");
-    release.write("lint.fails", "");
-    release.write("test", TESTS);
+    release.0.write("lint", "");
+    release.0.write("lint.fails", "");
+    release.0.write("test", TESTS);
     assert!(!release.check(&["lint", "test"], ""));
-    fs::remove_file(release.path("lint.fails")).unwrap();
+    fs::remove_file(release.0.path("lint.fails")).unwrap();
     assert!(!release.check(&["test"], ""), "the failure of another step is kept");
     assert!(release.check(&["lint"], ""));
     assert_eq!([release.row("lint"), release.row("test")], ["passed – – –", "passed 43 0 1"]);
-    release.write("commit", "def\n");
+    release.0.write("commit", "def\n");
     assert!(release.check(&["lint"], ""));
     // Results of an earlier commit stay and are marked as such.
     assert_eq!([release.row("lint"), release.row("test")], ["passed – – –", "passed 43 0 1"]);
     assert!(release.report().contains("| lint | passed | def |"), "{}", release.report());
     assert!(release.report().contains("| test | passed | abc |"), "{}", release.report());
     let before = release.report();
-    release.write("changes", " M src/lib.rs\n");
+    release.0.write("changes", " M src/lib.rs\n");
     assert!(!release.check(&["lint"], ""), "results are those of a commit");
-    release.write("changes", "");
+    release.0.write("changes", "");
     assert!(!release.check(&["nonsense"], ""));
     assert_eq!(release.report(), before);
 }
@@ -152,20 +127,20 @@ fn release_check_resumes_on_the_same_commit() {
 #[test]
 fn release_check_runs_under_a_second_driver() {
     let release = Release::new();
-    fs::create_dir_all(release.path("target/release")).unwrap();
-    let program = release.path("target/release/diptych");
-    fs::copy(release.path("bin/make"), &program).unwrap();
+    fs::create_dir_all(release.0.path("target/release")).unwrap();
+    let program = release.0.path("target/release/diptych");
+    fs::copy(release.0.path("bin/make"), &program).unwrap();
     fs::write(program, "#!/bin/sh\necho '\"driver\": \"old\",\n\"ray_queries\": false,'\n").unwrap();
     release.stub("newer", "echo '\"driver\": \"new, with rays\",\n\"ray_queries\": true,'");
     release.stub("cargo", "");
     for target in ["test", "test-hardware-rays"] {
-        release.write(target, TESTS);
+        release.0.write(target, TESTS);
     }
     release.stub("make", "mkdir -p out; echo 'abc  a ./left.exr' >out/golden.txt; echo \"1 $2\"; cat $1");
-    release.write("golden", "");
+    release.0.write("golden", "");
     assert!(release.check(&["test-newer", "hardware-rays", "golden", "golden-newer", "golden-compare"], "newer"));
     assert_eq!(release.row("hardware-rays"), "passed 43 0 1");
-    let log = |step: &str| fs::read_to_string(release.path(&format!("out/release-check/{step}.log"))).unwrap();
+    let log = |step: &str| fs::read_to_string(release.0.path(&format!("out/release-check/{step}.log"))).unwrap();
     assert!(log("hardware-rays").contains("RUN=newer"), "{}", log("hardware-rays"));
     assert!(log("test-newer").contains("RUN=newer"), "{}", log("test-newer"));
     assert!(!log("golden").contains("RUN=newer"), "{}", log("golden"));
@@ -176,9 +151,9 @@ fn release_check_runs_under_a_second_driver() {
     );
     assert_eq!(release.row("golden-compare"), "passed – – – 1 of 1 images have the same bytes under both drivers");
     // `make golden` itself compares this build's images with those of an earlier build.
-    release.write("golden.txt", "other");
-    fs::create_dir(release.path("docs/golden")).unwrap();
-    fs::rename(release.path("golden.txt"), release.path("docs/golden/golden.txt")).unwrap();
+    release.0.write("golden.txt", "other");
+    fs::create_dir(release.0.path("docs/golden")).unwrap();
+    fs::rename(release.0.path("golden.txt"), release.0.path("docs/golden/golden.txt")).unwrap();
     release.stub("make", "echo \"$3\"; [ $3 != BEFORE=docs/golden/golden.txt ]");
     assert!(!release.check(&["golden"], ""));
     assert!(release.row("golden").starts_with("**failed**"), "{}", release.row("golden"));

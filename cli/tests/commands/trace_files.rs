@@ -4,22 +4,16 @@
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-use crate::common::{diptych, program};
+use crate::common::Folder;
 use serde_json::Value;
 
-/// Renders on two devices and is killed between two writes, after the second frame; returns the trace that it leaves.
-fn killed_run(folder: &std::path::Path) -> String {
-    let path = folder.join("trace.json");
-    let mut run = program(&["render", "builtin:checker", "--size", "48x32", "--virtual", "2"])
-        .args(["--threads-per-device", "1"])
-        .args(["--frames", "100000", "--quiet", "--trace", path.to_str().unwrap(), "--out"])
-        .arg(folder.join("out"))
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
+/// Renders on two devices and is killed between two writes, after the second frame. Leaves `trace.json`.
+fn kill_a_run(folder: &Folder) {
+    let line = "render builtin:checker --size 48x32 --virtual 2 --threads-per-device 1 --frames 100000 --quiet";
+    let mut run = folder.start(&format!("{line} --trace ./trace.json --out ./out"), Stdio::null());
     let begin = Instant::now();
-    while std::fs::read_to_string(&path).unwrap_or_default().matches("\"name\":\"frame\",\"cat\":\"frame\"").count() < 2
-    {
+    let text = || std::fs::read_to_string(folder.path("trace.json")).unwrap_or_default();
+    while text().matches("\"name\":\"frame\",\"cat\":\"frame\"").count() < 2 {
         assert!(run.try_wait().unwrap().is_none(), "the run ended by itself");
         assert!(begin.elapsed() < Duration::from_secs(120), "no frame in two minutes");
         std::thread::sleep(Duration::from_millis(5));
@@ -27,7 +21,6 @@ fn killed_run(folder: &std::path::Path) -> String {
     stop_between_writes(&run);
     run.kill().unwrap();
     run.wait().unwrap();
-    path.to_str().unwrap().to_owned()
 }
 
 /// Waits until all threads of the process are stopped. A stopped process has finished its calls of `write`, whereas
@@ -47,31 +40,17 @@ fn stop_between_writes(run: &std::process::Child) {
 #[cfg(not(unix))]
 fn stop_between_writes(_: &std::process::Child) {}
 
-/// Runs a command that must succeed; returns its output.
-#[track_caller]
-fn printed(args: &[&str]) -> String {
-    let output = diptych(args);
-    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-#[track_caller]
-fn refused(args: &[&str], part: &str) {
-    let output = diptych(args);
-    let text = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
-    assert!(text.contains(part) && !text.contains("panicked"), "{args:?}: {text}");
-}
-
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
 
 #[test]
 fn killed_run_leaves_a_valid_trace() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = killed_run(folder.path());
-    let document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    let folder = Folder::new();
+    kill_a_run(&folder);
+    let printed = |line: &str| folder.run(line).out;
+    let json = |line: &str| folder.run(&format!("{line} --json")).json();
+    let document = folder.json("trace.json");
     assert_eq!(document["otherData"]["complete"], false);
     let events = document["traceEvents"].as_array().unwrap();
     let on_host =
@@ -79,11 +58,11 @@ fn killed_run_leaves_a_valid_trace() {
     // Expect two devices and at least two frames.
     assert!(on_host("device frame") >= 4 && on_host("finish frame") >= 2 && on_host("load scene") == 1);
 
-    let text = printed(&["trace", &path]);
+    let text = printed("trace ./trace.json");
     for part in ["device 0: ", "device 1: ", "imbalance", "critical path", "path_trace left", "ended early"] {
         assert!(text.contains(part), "no `{part}` in\n{text}");
     }
-    let summary: Value = serde_json::from_str(&printed(&["trace", &path, "--json"])).unwrap();
+    let summary = json("trace ./trace.json");
     let parts = summary["critical_path"].as_array().unwrap();
     let shares: f64 = parts.iter().map(|part| number(&part["share"])).sum();
     assert!((shares - 1.0).abs() < 1e-9, "the path is {shares} of the frames");
@@ -95,38 +74,33 @@ fn killed_run_leaves_a_valid_trace() {
         assert!((used_ms + number(&device["idle_ms"]) - number(&summary["total_ms"])).abs() < 0.1, "{device}");
     }
 
-    let detail: Value = serde_json::from_str(&printed(&["trace", &path, "--frame", "1", "--json"])).unwrap();
+    let detail = json("trace ./trace.json --frame 1");
     let steps = detail["steps"].as_array().unwrap();
     let makespan_ms = number(&detail["summary"]["frames"][0]["makespan_ms"]);
     let path_ms: f64 = steps.iter().map(|step| number(&step["time_ms"])).sum();
     assert!((path_ms - makespan_ms).abs() < 1e-6, "{path_ms} ms of {makespan_ms}");
-    assert!(printed(&["trace", &path, "--frame", "1"]).contains("step by step"));
+    assert!(printed("trace ./trace.json --frame 1").contains("step by step"));
 
-    let same: Value = serde_json::from_str(&printed(&["trace", &path, &path, "--json"])).unwrap();
+    let same = json("trace ./trace.json ./trace.json");
     let changes =
         |key: &str| same[key].as_array().unwrap().iter().map(|c| number(&c["difference"])).collect::<Vec<_>>();
     assert!(changes("stages").len() > 5 && changes("stages").iter().chain(&changes("frames")).all(|&d| d == 0.0));
-    assert!(printed(&["trace", &path, &path]).contains("makespan ms"));
+    assert!(printed("trace ./trace.json ./trace.json").contains("makespan ms"));
 
     // A run killed within a write leaves a file that ends within an event.
-    let whole = std::fs::read_to_string(&path).unwrap();
-    let cut = whole.rfind(",\n{").unwrap() + 9;
-    std::fs::write(&path, &whole[..cut]).unwrap();
-    let cut: Value = serde_json::from_str(&printed(&["trace", &path, "--json"])).unwrap();
+    let whole = folder.text("trace.json");
+    folder.write("trace.json", &whole[..whole.rfind(",\n{").unwrap() + 9]);
+    let cut = json("trace ./trace.json");
     assert!(cut["warnings"].to_string().contains("ended early"), "{}", cut["warnings"]);
     assert_eq!(cut["devices"].as_array().unwrap().len(), 2);
 }
 
 #[test]
 fn run_json_sums_tasks_and_lists_them_on_request() {
-    let folder = tempfile::tempdir().unwrap();
-    let run = |name: &str, options: &[&str]| {
-        let out = folder.path().join(name);
-        let fixed = ["render", "builtin:cornell", "--size", "48x32", "--virtual", "2", "--frames", "4", "--out"];
-        let text = printed(&[&fixed[..], &[out.to_str().unwrap()], options].concat());
-        (std::fs::read_to_string(out.join("run.json")).unwrap(), text)
-    };
-    let (brief, text) = run("brief", &[]);
+    let folder = Folder::new();
+    let line = "render builtin:cornell --size 48x32 --virtual 2 --frames 4";
+    let text = folder.run(&format!("{line} --out ./brief")).out;
+    let brief = folder.text("brief/run.json");
     assert!(brief.len() < 4 * 8000, "{} bytes for 4 frames", brief.len());
     let brief: Value = serde_json::from_str(&brief).unwrap();
     let frames = brief["frames"].as_array().unwrap();
@@ -137,9 +111,8 @@ fn run_json_sums_tasks_and_lists_them_on_request() {
     let warm_up = format!("warm-up {:.1} s; 4 frame(s)", number(&brief["warm_up_s"]));
     assert!(text.contains(&said) && text.contains(&warm_up), "{text} without {said} or {warm_up}");
 
-    let (detailed, _) = run("detailed", &["--also", "details"]);
-    let detailed: Value = serde_json::from_str(&detailed).unwrap();
-    for frame in detailed["frames"].as_array().unwrap() {
+    folder.run(&format!("{line} --also details --out ./detailed"));
+    for frame in folder.json("detailed/run.json")["frames"].as_array().unwrap() {
         let (stages, tasks) = (frame["stages"].as_array().unwrap(), frame["tasks"].as_array().unwrap());
         let of = |v: &Value| (v["stage"].clone(), v["view"].clone(), v["device"].clone());
         for stage in stages {
@@ -161,18 +134,15 @@ fn run_json_sums_tasks_and_lists_them_on_request() {
 
 #[test]
 fn rejects_foreign_files_where_traces_are_needed() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str, text: &str| {
-        let path = folder.path().join(name);
-        std::fs::write(&path, text).unwrap();
-        path.to_str().unwrap().to_owned()
-    };
-    let foreign = file("foreign.json", r#"[{"ph": "X", "name": "op", "pid": 7, "tid": 1, "ts": 0, "dur": 9}]"#);
-    let table = file("table.csv", "devices,makespan_ms\n");
-    assert!(printed(&["trace", &foreign]).contains("note: there is no device work"));
-    refused(&["trace", &foreign, &foreign], "foreign.json' has no frames");
-    refused(&["trace", &foreign, "--frame", "0"], "foreign.json' has no frames");
-    refused(&["trace", &foreign, &table], "table.csv' is not a trace");
-    refused(&["trace", "no/such.json"], "no/such.json");
-    refused(&["trace", &foreign, &foreign, "--frame", "0"], "cannot be used with");
+    let folder = Folder::new();
+    folder.write("foreign.json", r#"[{"ph": "X", "name": "op", "pid": 7, "tid": 1, "ts": 0, "dur": 9}]"#);
+    folder.write("table.csv", "devices,makespan_ms\n");
+    assert!(folder.run("trace ./foreign.json").out.contains("note: there is no device work"));
+    let table = "
+        trace ./foreign.json ./foreign.json => foreign.json' has no frames
+        trace ./foreign.json --frame 0 => foreign.json' has no frames
+        trace ./foreign.json ./table.csv => table.csv' is not a trace
+        trace ./foreign.json ./foreign.json --frame 0 => cannot be used with
+    ";
+    folder.refuses(2, "", table);
 }

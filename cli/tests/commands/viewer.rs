@@ -6,7 +6,7 @@ use std::net::TcpListener;
 
 use diptych::image::exr::{read_channels, read_rgb};
 
-use crate::common::program;
+use crate::common::{Folder, Said};
 
 /// Reads values of a packet one after another, in little-endian order.
 struct Packet(std::vec::IntoIter<u8>);
@@ -70,7 +70,7 @@ fn images(mut sent: &[u8]) -> BTreeMap<(String, String), Vec<f32>> {
 
 #[test]
 fn viewer_receives_the_values_of_the_files() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     let viewer = std::thread::spawn(move || {
@@ -78,18 +78,15 @@ fn viewer_receives_the_values_of_the_files() {
         listener.accept().unwrap().0.read_to_end(&mut sent).unwrap();
         sent
     });
-    let out = folder.path().to_str().unwrap();
-    let options = ["--size", "48x30", "--frames", "2", "--aov", "depth,normal", "--out", out];
-    let mut command = program(&["render", "builtin:checker", "--also", "tev"]);
-    let output = command.args(options).env("TEV", address.to_string()).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let line = "render builtin:checker --also tev --size 48x30 --frames 2 --aov depth,normal --out ./out";
+    Said::new(folder.program(line).env("TEV", address.to_string()).output().unwrap()).success(line);
     let planes = images(&viewer.join().unwrap());
     assert_eq!(planes.len(), 2 * (3 + 1 + 3), "{:?}", planes.keys());
     let bits = |values: Vec<f32>| values.into_iter().map(f32::to_bits).collect::<Vec<_>>();
     for eye in ["left", "right"] {
         let plane = |channel: &str| bits(planes[&(format!("builtin:checker {eye}"), channel.to_owned())].clone());
-        let image = read_rgb(&folder.path().join(format!("{eye}.0001.exr"))).unwrap();
-        let normal = read_channels(&folder.path().join(format!("{eye}.normal.0001.exr")), ["X", "Y", "Z"]).unwrap();
+        let image = read_rgb(&folder.path(&format!("out/{eye}.0001.exr"))).unwrap();
+        let normal = read_channels(&folder.path(&format!("out/{eye}.normal.0001.exr")), ["X", "Y", "Z"]).unwrap();
         for c in 0..3 {
             let of = |image: &diptych::image::RgbImage| bits(image.pixels.iter().map(|p| p[c]).collect());
             assert!(plane(["R", "G", "B"][c]) == of(&image), "{eye} {c}");
@@ -100,13 +97,12 @@ fn viewer_receives_the_values_of_the_files() {
 
 #[test]
 fn rejects_a_viewer_that_does_not_listen() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = Folder::new();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let out = folder.path().to_str().unwrap();
     for address in [free.to_string(), "nowhere".to_owned()] {
-        let mut command = program(&["render", "builtin:checker", "--also", "tev", "--out", out]);
-        let output = command.env("TEV", &address).output().unwrap();
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert!(output.status.code() == Some(1) && said.contains(&address), "{said}");
+        let mut command = folder.program("render builtin:checker --also tev --out ./out");
+        let said = Said::new(command.env("TEV", &address).output().unwrap());
+        assert!(said.status == Some(1) && said.errors.contains(&address), "{}", said.errors);
+        assert!(folder.names("out").is_empty());
     }
 }

@@ -5,6 +5,8 @@
 #[path = "../../../tests/common/mod.rs"]
 pub mod stage;
 
+mod folder;
+
 use std::ffi::OsStr;
 use std::io::{self, Write};
 use std::process::{Command, ExitStatus, Output};
@@ -12,6 +14,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use diptych::device::{self, DevicePool};
 use diptych_cli::{Console, run_from};
+pub use folder::{Folder, Said};
 pub use stage::{is_thorough, sampled};
 
 /// A stream of a command.
