@@ -20,8 +20,7 @@ fn number(value: &Value) -> f64 {
 
 #[test]
 fn play_records_motion_that_render_replays() {
-    let folder = Folder::new();
-    folder.write("one.toml", crate::play::LADDER.split_inclusive("\n\n").take(2).collect::<String>());
+    let folder = crate::play::one_rung();
     let common = "builtin:atrium --size 32x18 --fps 5 --frames 8 --quiet --set time=0.7";
     let recorded = "--ladder ./one.toml --record-motion ./motion.jsonl --out ./played";
     folder.run(&format!("play {common} --budget-ms 0.01..30000 {recorded}"));

@@ -1,7 +1,7 @@
 //! The interface that other programs rely on: options, columns of CSV files and stage names, as recorded in
 //! `tests/interface`. A change is either intended or a mistake: `DIPTYCH_WRITE_INTERFACE=1` writes the files.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
@@ -24,28 +24,32 @@ fn assert_recorded(name: &str, text: &str) {
     assert!(recorded == text, "tests/interface/{name}: lost {lost:#?}, new {new:#?}: see {WRITES}");
 }
 
-/// Lists commands and their options, with the names of values.
+/// Lines, with the commands that have each.
+type Recorded = BTreeMap<String, Vec<&'static str>>;
+
+fn text(lines: &Recorded) -> String {
+    lines.iter().map(|(line, commands)| format!("{line}: {}\n", commands.join(" "))).collect()
+}
+
+/// Lists options with the names of their values.
 #[test]
 fn options_equal_the_recorded_ones() {
-    let commands = ["render", "play", "scale", "bench", "compare", "trace", "graph", "info", "export"];
-    let mut text = String::new();
-    for command in commands {
+    let mut options = Recorded::new();
+    for command in ["render", "play", "scale", "bench", "compare", "trace", "graph", "info", "export"] {
         let help = Folder::new().run(&format!("{command} --help")).out;
-        let options = help.lines().map(str::trim_start).filter(|line| line.starts_with("--") || line.starts_with("-h"));
-        for option in options {
-            let names: Vec<&str> =
-                option.split_whitespace().take_while(|word| word.starts_with(['-', '<', '['])).collect();
-            text += &format!("{command} {}\n", names.join(" "));
+        for line in help.lines().map(str::trim_start).filter(|line| line.starts_with("--") || line.starts_with("-h")) {
+            let words = line.split_whitespace().take_while(|word| word.starts_with(['-', '<', '[']));
+            options.entry(words.collect::<Vec<_>>().join(" ")).or_default().push(command);
         }
     }
-    assert_recorded("options.txt", &text);
+    assert_recorded("options.txt", &text(&options));
 }
 
 /// Lists the columns of every CSV file, and the members of run.json by path.
 #[test]
 fn columns_and_members_equal_the_recorded_ones() {
     let folder = Folder::new();
-    let (mut columns, mut members) = (String::new(), BTreeSet::new());
+    let (mut columns, mut members) = (String::new(), Recorded::new());
     for (command, options) in [
         ("render", "--virtual 2 --frames 2 --warm-up 0"),
         ("play", "--frames 3 --budget-ms 1..1000"),
@@ -55,16 +59,17 @@ fn columns_and_members_equal_the_recorded_ones() {
         let small = "builtin:cornell --size 32x18 --threads-per-device 1 --quiet";
         folder.run(&format!("{command} {small} {options} --out ./{command}"));
         for file in folder.names(command).iter().filter(|name| name.ends_with(".csv")) {
-            columns +=
-                &format!("{command} {file} {}\n", folder.text(&format!("{command}/{file}")).lines().next().unwrap());
+            let text = folder.text(&format!("{command}/{file}"));
+            columns += &format!("{command} {file} {}\n", text.lines().next().unwrap());
         }
-        collect(command, &folder.json(&format!("{command}/run.json")), &mut members);
+        let mut paths = BTreeSet::new();
+        collect("", &folder.json(&format!("{command}/run.json")), &mut paths);
+        paths.into_iter().for_each(|path| members.entry(path[1..].to_owned()).or_default().push(command));
     }
     // The columns of the critical path depend on the stages that happen to be on it.
     let columns = columns.split(',').filter(|column| !column.starts_with("critical_")).collect::<Vec<_>>().join(",");
     assert_recorded("columns.txt", &columns);
-    let members: Vec<String> = members.into_iter().collect();
-    assert_recorded("run_json.txt", &(members.join("\n") + "\n"));
+    assert_recorded("run_json.txt", &text(&members));
 }
 
 /// Adds the paths of all members of a value, except options and the details of devices and faults.

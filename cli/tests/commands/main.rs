@@ -5,8 +5,6 @@ mod animation;
 mod bench;
 #[path = "../common/mod.rs"]
 mod common;
-mod experiments;
-mod export;
 mod faults;
 mod files;
 mod graph;
@@ -21,7 +19,6 @@ mod measure;
 mod metrics;
 mod pictures;
 mod play;
-mod play_fit;
 mod reference_mode;
 mod refusals;
 mod report;

@@ -120,18 +120,15 @@ fn rejects_checkpoints_of_other_renders() {
     let folder = Folder::new();
     render(&folder, "out", &format!("--spp 8 {KEPT}"));
     let resume = format!("render builtin:cornell --reference --out ./other --spp 16 {KEPT}");
-    folder.refuses(
-        2,
-        &resume,
-        "
-        --size 24x14 --seed 5 => reference.state | seed is 0 there and 5 here
-        --size 16x16 => reference.state | size is 24x14 there and 16x16 here
-        --size 24x14 --bounces 2 => reference.state | bounces is 6 there and 2 here
-        --size 24x14 --set sampler=pcg => reference.state | sampler is sobol there and pcg here
-        --size 24x14 --set pass_spp=16 => reference.state | pass_spp is 8 there and 16 here
-        --size 24x14 --time 1 => reference.state | camera is
-        ",
-    );
+    let table = "
+    --size 24x14 --seed 5 => reference.state | seed is 0 there and 5 here
+    --size 16x16 => reference.state | size is 24x14 there and 16x16 here
+    --size 24x14 --bounces 2 => reference.state | bounces is 6 there and 2 here
+    --size 24x14 --set sampler=pcg => reference.state | sampler is sobol there and pcg here
+    --size 24x14 --set pass_spp=16 => reference.state | pass_spp is 8 there and 16 here
+    --size 24x14 --time 1 => reference.state | camera is
+    ";
+    folder.refuses(2, &resume, table);
     let other = resume.replace("cornell", "checker");
     folder.refuses(2, &other, "--size 24x14 => reference.state | scene is ");
 }

@@ -33,29 +33,26 @@ fn rejects_missing_shots_and_invalid_head_motion() {
     folder.write("bytes.jsonl", format!("{head}{sample}\u{0}\u{1}"));
     folder.write("headless.jsonl", sample);
     folder.write("empty.jsonl", "");
-    folder.refuses(
-        2,
-        "render ./scene.glb --size 32x18 --out ./out",
-        "
-        render no/such/shot.toml --size 32x18 --out ./out => no/such/shot.toml
-        render no/such/scene.gltf --size 32x18 --out ./out => no/such/scene.gltf
-        render builtin:nonesuch --size 32x18 --out ./out => nonesuch | cornell | atrium
-        render builtin: --size 32x18 --out ./out => cornell
-        render ./picture.png --size 32x18 --out ./out => picture.png | .toml | .glb
-        render ./ --size 32x18 --out ./out => ./
+    let table = "
+    render no/such/shot.toml --size 32x18 --out ./out => no/such/shot.toml
+    render no/such/scene.gltf --size 32x18 --out ./out => no/such/scene.gltf
+    render builtin:nonesuch --size 32x18 --out ./out => nonesuch | cornell | atrium
+    render builtin: --size 32x18 --out ./out => cornell
+    render ./picture.png --size 32x18 --out ./out => picture.png | .toml | .glb
+    render ./ --size 32x18 --out ./out => ./
 
-        --set motion=./twice.jsonl => twice.jsonl | line 3: time_s 0 is not after
-        --set motion=./nan.jsonl => nan.jsonl | line 2:
-        --set motion=./bytes.jsonl => bytes.jsonl | line 3:
-        --set motion=./headless.jsonl => headless.jsonl | line 1:
-        --set motion=./empty.jsonl => empty.jsonl | empty
-        --set motion=no/such.jsonl => no/such.jsonl
-        --set motion=./ => not a regular file
-        --set motion=./shot.toml => motion | this is a shot
-        --set motion=./scene.glb => motion | this is a scene
-        --set variant=night => no variant named 'night'
-        ",
-    );
+    --set motion=./twice.jsonl => twice.jsonl | line 3: time_s 0 is not after
+    --set motion=./nan.jsonl => nan.jsonl | line 2:
+    --set motion=./bytes.jsonl => bytes.jsonl | line 3:
+    --set motion=./headless.jsonl => headless.jsonl | line 1:
+    --set motion=./empty.jsonl => empty.jsonl | empty
+    --set motion=no/such.jsonl => no/such.jsonl
+    --set motion=./ => not a regular file
+    --set motion=./shot.toml => motion | this is a shot
+    --set motion=./scene.glb => motion | this is a scene
+    --set variant=night => no variant named 'night'
+    ";
+    folder.refuses(2, "render ./scene.glb --size 32x18 --out ./out", table);
 }
 
 #[test]
