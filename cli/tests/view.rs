@@ -6,14 +6,14 @@
 mod common;
 
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use ::diptych::exec::FrameParams;
 use ::diptych::image::display::DisplayImage;
 use ::diptych::image::{Extent, Image};
-use common::diptych;
 use common::stage::{Stage, Subject, still_rig};
+use common::{Folder, Said};
 use glam::Vec3;
 
 /// A virtual display, which ends when this is dropped.
@@ -21,17 +21,17 @@ struct Display {
     server: Child,
     name: String,
     /// Folder with the server's framebuffer.
-    memory: tempfile::TempDir,
+    memory: Folder,
 }
 
 impl Display {
     /// Opens a display; none without Xvfb.
     fn open() -> Option<Self> {
-        let memory = tempfile::tempdir().unwrap();
+        let memory = Folder::new();
         // The server picks a free number and writes it to its standard output.
         let server = Command::new("Xvfb")
             .args(["-displayfd", "1", "-screen", "0", "1400x900x24", "-nolisten", "tcp", "-fbdir"])
-            .arg(memory.path())
+            .arg(memory.path(""))
             .stdout(Stdio::piped())
             .stderr(Stdio::null())
             .spawn();
@@ -50,7 +50,7 @@ impl Display {
 
     /// Returns the framebuffer's file: a header, and four bytes per pixel.
     fn shown(&self) -> Vec<u8> {
-        std::fs::read(self.memory.path().join("Xvfb_screen0")).unwrap()
+        self.memory.bytes("Xvfb_screen0")
     }
 
     /// Waits until the window shows more than the warm-up message.
@@ -69,22 +69,21 @@ impl Display {
         command
     }
 
-    fn view(&self, options: &[&str]) -> Child {
-        let shape = ["view", "--size", "48x32", "--virtual", "2", "--quiet"];
+    fn view(&self, folder: &Folder, options: &str) -> Child {
         let mut command = self.command(env!("CARGO_BIN_EXE_diptych"));
-        command.args(shape).args(options).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+        command.args(folder.words(&format!("view --size 48x32 --virtual 2 --quiet --fps 30 {options}")));
+        command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     }
 
     /// Moves the pointer to a place in the window, then executes `args`. Returns false without xdotool.
-    fn xdotool(&self, at: [&str; 2], args: &[&str]) -> bool {
-        let find = ["search", "--sync", "--name", "diptych: ", "windowfocus"];
-        let point = ["mousemove", "--window", "%1", at[0], at[1]];
-        for args in [&[&find[..], &point].concat()[..], args] {
-            let Ok(done) = self.command("xdotool").args(args).output() else {
+    fn xdotool(&self, at: &str, args: &str) -> bool {
+        let find = format!("search --sync --name diptych: windowfocus mousemove --window %1 {at}");
+        for args in [&find, args] {
+            let Ok(done) = self.command("xdotool").args(args.split_whitespace()).output() else {
                 eprintln!("\nSKIPPED: there is no xdotool here to press keys with (apt-get install xdotool)\n");
                 return false;
             };
-            assert!(done.status.success(), "xdotool {args:?}: {}", String::from_utf8_lossy(&done.stderr));
+            Said::new(done).success(args);
         }
         true
     }
@@ -98,10 +97,8 @@ impl Drop for Display {
 }
 
 #[track_caller]
-fn ended(child: Child) -> Output {
-    let output = child.wait_with_output().unwrap();
-    assert!(output.status.success(), "{:?}: {}", output.status, String::from_utf8_lossy(&output.stderr));
-    output
+fn ended(child: Child) {
+    Said::new(child.wait_with_output().unwrap()).success("view");
 }
 
 fn read(path: &Path) -> DisplayImage {
@@ -141,10 +138,11 @@ target = [0.0, 1.0, 0.0]
 radiance = [0.0, 0.0, 0.0]
 "#;
 
-fn still_shot(folder: &Path) -> String {
-    let path = folder.join("still.toml");
-    std::fs::write(&path, STILL).unwrap();
-    path.to_str().unwrap().to_owned()
+/// Returns a folder with this shot.
+fn still_shot() -> Folder {
+    let folder = Folder::new();
+    folder.write("still.toml", STILL);
+    folder
 }
 
 const EYE: Extent = Extent::new(48, 32);
@@ -156,19 +154,16 @@ const ABOVE: u32 = 17;
 #[test]
 fn the_window_shows_both_eyes_as_they_are_rendered() {
     let Some(display) = Display::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let (shot, out) = (folder.path().join("window.png"), folder.path().join("out"));
-    let still = still_shot(folder.path());
-    let free = ["--frames", "90", "--fps", "30", "--budget-ms", "1..1000", "--screenshot", shot.to_str().unwrap()];
-    let child = display.view(&[&[&still[..]], &free[..]].concat());
+    let folder = still_shot();
+    let options = "--frames 90 --budget-ms 1..1000 --screenshot ./window.png";
+    let child = display.view(&folder, &format!("./still.toml {options}"));
     // N selects nearest-neighbour magnification. O removes the overlay, which covers a part of the left eye.
-    let has_keys = display.xdotool(["640", "5"], &["key", "n", "o"]);
+    let has_keys = display.xdotool("640 5", "key n o");
     ended(child);
-    let window = read(&shot);
+    let window = read(&folder.path("window.png"));
     assert_eq!(window.extent, Extent::new(RIGHT + SCALE * EYE.width, 450));
-    let rendered = ["render", &still, "--size", "48x32", "--reference", "--out", out.to_str().unwrap()];
-    assert!(diptych(&rendered).status.success());
-    let both = read(&out.join("stereo.png"));
+    folder.run("render ./still.toml --size 48x32 --reference --out ./out");
+    let both = read(&folder.path("out/stereo.png"));
     let eye = |right: u32| {
         let pixel = |i: usize| *both.get(i as u32 % EYE.width + right * EYE.width, i as u32 / EYE.width);
         Image { extent: EYE, pixels: (0..EYE.area()).map(pixel).collect() }
@@ -184,25 +179,19 @@ fn the_window_shows_both_eyes_as_they_are_rendered() {
 }
 
 #[test]
-fn the_gaze_follows_the_pointer_and_keys_move_the_camera() {
+fn gaze_follows_the_pointer_and_keys_move_the_eye() {
     let Some(display) = Display::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let shot = still_shot(folder.path());
-    let shoot = |name: &str, keys: &[&str]| {
-        let path = folder.path().join(name);
-        let free = ["--fps", "30", "--budget-ms", "1..100", "--screenshot", path.to_str().unwrap()];
+    let folder = still_shot();
+    let shoot = |keys: &str| {
         // Limit the frames, so that the run also ends if no one presses Escape.
-        let child = display.view(&[&[&shot, "--foveation", "layers", "--frames", "600"], &free[..]].concat());
+        let options = "--set foveation=layers --frames 600 --budget-ms 1..100 --screenshot ./window.png";
+        let child = display.view(&folder, &format!("./still.toml {options}"));
         display.wait_for_frames();
-        let pressed =
-            display.xdotool(["940", "320"], &[&["sleep", "1"], keys, &["sleep", "1", "key", "Escape"]].concat());
+        let pressed = display.xdotool("940 320", &format!("sleep 1 {keys} sleep 1 key Escape"));
         ended(child);
-        if !pressed {
-            return None;
-        }
-        Some(read(&path))
+        pressed.then(|| read(&folder.path("window.png")))
     };
-    let Some(still) = shoot("still.png", &[]) else { return };
+    let Some(still) = shoot("") else { return };
     let marked = |image: &DisplayImage, [x, y]: [u32; 2]| {
         let is_cyan = |p: &[u8; 3]| p[0] < 110 && p[1] > 140 && p[2] > 160;
         (x - 2..x + 3)
@@ -213,7 +202,7 @@ fn the_gaze_follows_the_pointer_and_keys_move_the_camera() {
     // The cross is at the pointer, and at the same place in the other eye.
     assert!(marked(&still, [940, 320]) >= 5 && marked(&still, [940 - RIGHT, 320]) >= 5);
     assert!(marked(&still, [900, 200]) == 0);
-    let moved = shoot("moved.png", &["keydown", "w", "sleep", "1", "keyup", "w"]).unwrap();
+    let moved = shoot("keydown w sleep 1 keyup w").unwrap();
     let eye = |window: &DisplayImage| reduced(window, [RIGHT, ABOVE], SCALE, EYE);
     let difference = mean_difference(&eye(&still), &eye(&moved));
     assert!(difference > 6.0, "the camera did not move: {difference} levels");
@@ -223,30 +212,26 @@ fn the_gaze_follows_the_pointer_and_keys_move_the_camera() {
 #[test]
 fn what_moves_goes_on_while_the_camera_is_free() {
     let Some(display) = Display::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let shot = folder.path().join("studio.toml");
+    let folder = Folder::new();
     let eyes = "position = [0.0, 1.45, 5.2]\ntarget = [0.0, 1.15, 0.0]";
     let text = format!("name = 'studio'\nscene = 'builtin:studio'\n[rig]\nyfov_deg = 45\n[[rig.key]]\n{eyes}\n");
-    std::fs::write(&shot, text).unwrap();
+    folder.write("studio.toml", text);
     // Returns the number of framebuffer bytes that change considerably within a second.
-    let changed = |animation: &[&str]| {
-        let free = [shot.to_str().unwrap(), "--frames", "600", "--fps", "30", "--budget-ms", "1..100"];
-        let child = display.view(&[&free, animation].concat());
+    let changed = |animation: &str| {
+        let child = display.view(&folder, &format!("./studio.toml --frames 600 --budget-ms 1..100 {animation}"));
         display.wait_for_frames();
-        let has_keys = display.xdotool(["640", "5"], &["key", "o", "p", "sleep", "1"]);
+        let has_keys = display.xdotool("640 5", "key o p sleep 1");
         let before = display.shown();
         std::thread::sleep(Duration::from_secs(1));
         let after = display.shown();
-        let ends = has_keys && display.xdotool(["640", "5"], &["key", "Escape"]);
+        let ends = has_keys && display.xdotool("640 5", "key Escape");
         ended(child);
         ends.then(|| before.iter().zip(&after).filter(|(a, b)| a.abs_diff(**b) > 20).count())
     };
-    let Some(moving) = changed(&[]) else { return };
-    let still = changed(&["--animation", "none"]).unwrap();
-    assert!(
-        moving > 100_000 && moving > 10 * still,
-        "{moving} bytes change where things move, {still} where none does"
-    );
+    let Some(moving) = changed("") else { return };
+    let still = changed("--set animation=none").unwrap();
+    let found = format!("{moving} bytes change where things move, {still} where none does");
+    assert!(moving > 100_000 && moving > 10 * still, "{found}");
 }
 
 /// A lamp moves away from the room, to where it gives a twelfth of its light: exposures may rise by 4 stops above that of
@@ -254,18 +239,16 @@ fn what_moves_goes_on_while_the_camera_is_free() {
 #[test]
 fn the_metered_exposure_follows_the_light() {
     let Some(display) = Display::open() else { return };
-    let folder = tempfile::tempdir().unwrap();
-    let shot = folder.path().join("lamp.toml");
+    let folder = Folder::new();
     let lamp = "[[light]]\nkind = 'point'\nposition = [0, 1, 4]\nintensity = 3000\n[[move]]\nlight = 0\n";
     let keys = [(0.0, 4.0), (0.5, 4.0), (1.0, 14.0)];
     let keys =
         keys.map(|(time_s, z)| format!("[[move.key]]\ntime_s = {time_s:?}\nposition = [0, 1, {z:?}]\n")).concat();
-    std::fs::write(&shot, format!("loop = false\n{STILL}{lamp}{keys}")).unwrap();
+    folder.write("lamp.toml", format!("loop = false\n{STILL}{lamp}{keys}"));
     let mean_level = |exposure: &str| {
-        let path = folder.path().join("window.png");
-        let free = ["--frames", "240", "--fps", "30", "--budget-ms", "1..100", "--screenshot", path.to_str().unwrap()];
-        ended(display.view(&[&[shot.to_str().unwrap(), "--exposure", exposure], &free[..]].concat()));
-        let right = reduced(&read(&path), [RIGHT, ABOVE], SCALE, EYE);
+        let options = "--frames 240 --budget-ms 1..100 --screenshot ./window.png";
+        ended(display.view(&folder, &format!("./lamp.toml --set exposure={exposure} {options}")));
+        let right = reduced(&read(&folder.path("window.png")), [RIGHT, ABOVE], SCALE, EYE);
         right.pixels.as_flattened().iter().map(|c| f64::from(*c)).sum::<f64>() / (3 * EYE.area()) as f64
     };
     // The second exposure is the one metered for the first frame, whose level is 77.
@@ -276,7 +259,7 @@ fn the_metered_exposure_follows_the_light() {
 
 /// Compares a new rig for every frame, as for the window's camera, with one rig that follows a path.
 #[test]
-fn a_free_camera_finds_the_same_history_as_one_on_a_path() {
+fn free_camera_finds_the_history_of_one_on_a_path() {
     let mut on_path = Subject::load("builtin:cornell");
     let (first, last) = (still_rig(Vec3::new(0.0, 1.0, 3.8), Vec3::NEG_Z, Vec3::Y, 0.4), Vec3::new(0.3, 1.1, 3.2));
     let mut end = still_rig(last, Vec3::new(-0.2, 0.0, -1.0), Vec3::Y, 0.4);
@@ -307,14 +290,15 @@ fn a_free_camera_finds_the_same_history_as_one_on_a_path() {
     }
 }
 
+#[cfg(target_os = "linux")]
 #[test]
-fn no_display_is_said_in_one_sentence() {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
-    let names = ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"];
-    let output = names.iter().fold(command.arg("view"), |command, name| command.env_remove(name)).output().unwrap();
-    if cfg!(target_os = "linux") {
-        let text = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(1), "{text}");
-        assert!(text.lines().count() == 1 && text.contains("there is no display here"), "{text}");
+fn rejects_view_without_a_display() {
+    let folder = Folder::new();
+    let mut command = folder.program("view");
+    for name in ["DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"] {
+        command.env_remove(name);
     }
+    let Said { status, errors, .. } = Said::new(command.output().unwrap());
+    assert_eq!((status, errors.lines().count()), (Some(1), 1), "{errors}");
+    assert!(errors.contains("there is no display here"), "{errors}");
 }

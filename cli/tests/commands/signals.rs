@@ -56,18 +56,14 @@ fn on_hangup(command: &mut Command, action: libc::sighandler_t) {
 #[test]
 fn signals_leave_complete_files() {
     for (signal, status) in [(libc::SIGINT, 130), (libc::SIGTERM, 143), (libc::SIGHUP, 129)] {
-        assert_leaves_whole_files(signal, status);
+        let folder = Folder::new();
+        let line = "render builtin:checker --size 32x18 --frames 100000 --trace ./trace.json --out ./out";
+        assert_eq!(interrupted(&folder, line, signal, "out/stereo.0001.png"), Some(status));
+        let frames = folder.json("out/run.json")["frames"].as_array().unwrap().len();
+        assert!(frames >= 2, "{frames}");
+        assert_eq!(folder.names("out").len(), 5 * frames + 2);
+        assert_eq!(folder.json("trace.json")["otherData"]["complete"], true);
     }
-}
-
-fn assert_leaves_whole_files(signal: libc::c_int, status: i32) {
-    let folder = Folder::new();
-    let line = "render builtin:checker --size 32x18 --frames 100000 --trace ./trace.json --out ./out";
-    assert_eq!(interrupted(&folder, line, signal, "out/stereo.0001.png"), Some(status));
-    let frames = folder.json("out/run.json")["frames"].as_array().unwrap().len();
-    assert!(frames >= 2, "{frames}");
-    assert_eq!(folder.names("out").len(), 5 * frames + 2);
-    assert_eq!(folder.json("trace.json")["otherData"]["complete"], true);
 }
 
 #[test]

@@ -144,11 +144,8 @@ fn release_check_runs_under_a_second_driver() {
     assert!(log("hardware-rays").contains("RUN=newer"), "{}", log("hardware-rays"));
     assert!(log("test-newer").contains("RUN=newer"), "{}", log("test-newer"));
     assert!(!log("golden").contains("RUN=newer"), "{}", log("golden"));
-    assert!(
-        release.report().contains("| driver | old |\n| driver of `-newer` | new, with rays |"),
-        "{}",
-        release.report()
-    );
+    let report = release.report();
+    assert!(report.contains("| driver | old |\n| driver of `-newer` | new, with rays |"), "{report}");
     assert_eq!(release.row("golden-compare"), "passed – – – 1 of 1 images have the same bytes under both drivers");
     // `make golden` itself compares this build's images with those of an earlier build.
     release.0.write("golden.txt", "other");

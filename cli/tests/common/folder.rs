@@ -76,8 +76,7 @@ impl Folder {
 
     /// Runs a command in this process, whatever its status is.
     pub fn try_run(&self, line: &str) -> Said {
-        let words = self.words(line);
-        Said::new(diptych(&words.iter().map(String::as_str).collect::<Vec<_>>()))
+        Said::new(diptych(&self.words(line)))
     }
 
     /// Runs a command that must succeed.
@@ -88,8 +87,7 @@ impl Folder {
 
     /// Returns a command that runs as a process.
     pub fn program(&self, line: &str) -> Command {
-        let words = self.words(line);
-        program(&words.iter().map(String::as_str).collect::<Vec<_>>())
+        program(&self.words(line))
     }
 
     /// Starts a process whose standard output is read or ignored.
@@ -163,16 +161,14 @@ impl Folder {
         for row in table.lines().map(str::trim).filter(|row| !row.is_empty()).flat_map(rows) {
             let (line, parts) = row.split_once(" => ").unwrap_or_else(|| panic!("a row without parts: {row}"));
             let line = if line.starts_with('-') { format!("{command} {line}") } else { line.to_owned() };
-            let said = self.try_run(&line);
-            let errors = &said.errors;
-            assert_eq!(said.status, Some(status), "{line}: {errors}");
-            let messages: Vec<&str> = errors.lines().filter_map(|line| line.strip_prefix("error: ")).collect();
-            assert!(messages.len() == 1 && messages[0].trim().len() > 3, "{line}: not one error: {errors}");
-            let mut before_it = errors.lines().take_while(|line| !line.starts_with("error: "));
-            assert!(before_it.all(|line| line.starts_with("warning: ")), "{line}: more than an error: {errors}");
-            assert!(!errors.contains("panicked") && !said.out.contains("\"result\""), "{line}: {}", said.all());
+            let Said { status: found, out, errors } = self.try_run(&line);
+            assert_eq!(found, Some(status), "{line}: {errors}");
+            assert_eq!(errors.lines().filter(|line| line.starts_with("error: ")).count(), 1, "{line}: {errors}");
+            let (warnings, error) = errors.split_at(errors.find("error: ").unwrap());
+            assert!(warnings.lines().all(|line| line.starts_with("warning: ")), "{line}: {errors}");
+            assert!(out.is_empty() && !errors.contains("panicked"), "{line}: {out}{errors}");
             for part in parts.split(" | ").map(|part| self.word(part)) {
-                assert!(errors.contains(&part), "{line}: '{part}' is not in: {errors}");
+                assert!(error.contains(&part), "{line}: '{part}' is not in: {errors}");
             }
             assert!(self.files() == before, "{line}: files were written");
         }

@@ -41,8 +41,8 @@ impl Write for Stream {
 /// Runs a command in this process, on devices that keep their pipelines for the next command. [`program`] is for
 /// commands that need a process: for its signals, streams, environment or folder. With `--trace` it runs here as well, since
 /// a process records its spans once.
-pub fn diptych(args: &[&str]) -> Output {
-    if args.contains(&"--trace") {
+fn diptych(args: &[String]) -> Output {
+    if args.iter().any(|arg| arg == "--trace") {
         return program(args).output().unwrap_or_else(|e| panic!("cannot start diptych: {e}"));
     }
     let [out, error] = [Stream::default(), Stream::default()];
@@ -76,7 +76,7 @@ fn exit_status(status: u8) -> ExitStatus {
 }
 
 /// Returns a command that runs the built program.
-pub fn program(args: &[&str]) -> Command {
+fn program(args: &[String]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_diptych"));
     command.args(args);
     command
