@@ -5,9 +5,8 @@ use serde_json::{Value, json};
 use crate::report::once;
 use crate::report::run::RunSettings;
 use diptych::device::DeviceInfo;
-use diptych::frame::settings::Chosen;
+use diptych::frame::settings::{self, Chosen};
 use diptych::quality::Denoiser;
-use diptych::schedule::Balance;
 
 use super::console;
 pub use super::given::Given;
@@ -30,11 +29,11 @@ pub fn of_command_line(
     RunSettings { command: console::command_line(), exposure_ev, options }
 }
 
-/// Returns the name of the policy, or a list of several names.
-pub fn balance(policies: &[Balance]) -> Value {
-    match policies {
-        [one] => json!(one.name()),
-        several => json!(several.iter().map(|policy| policy.name()).collect::<Vec<_>>()),
+/// Returns the text of one value, or a list of several.
+pub fn names<T: settings::Value>(values: &[T]) -> Value {
+    match values {
+        [one] => one.text().into(),
+        several => several.iter().map(T::text).collect(),
     }
 }
 
@@ -47,7 +46,8 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
     let grid = if is_layered { "layers" } else { "none" };
     let mut known = vec![
         ("out", json!(options.out.display().to_string())),
-        ("balance", balance(&options.settings.balances())),
+        ("balance", names(&options.settings.balances())),
+        ("controller", names(&options.settings.controller)),
         ("fps", json!(options.fps)),
         ("spp", json!(quality.spp)),
         ("bounces", json!(quality.bounces)),

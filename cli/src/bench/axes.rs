@@ -59,7 +59,7 @@ impl Args {
             ("denoiser", json!(self.denoisers().into_iter().map(Denoiser::name_of).collect::<Vec<_>>())),
             ("foveation", json!(self.foveations().iter().map(Value::text).collect::<Vec<_>>())),
             ("render_scale", json!(self.scales())),
-            ("balance", settings::balance(&self.options.settings.balances())),
+            ("balance", settings::names(&self.options.settings.balances())),
         ]
     }
 
