@@ -2,6 +2,7 @@
 
 mod check;
 mod chosen;
+mod needs;
 mod scene_value;
 mod table;
 mod value;
@@ -27,6 +28,11 @@ use crate::scene::motion::play::Choice;
 use crate::scene::shot::{Exposure, Gaze, ShotEnvironment};
 use crate::scene::viewpoint::Orbit;
 use crate::schedule::{Balance, RatioRule};
+
+use needs::{
+    atrous, denoiser, filled, finished_light, foveated, halos, history, indirect_light, layers, log_polar,
+    several_controllers, static_balance,
+};
 
 pub use chosen::Chosen;
 pub use scene_value::EyePoints;
@@ -95,8 +101,8 @@ table::settings! {
     Run {
         /// Time limit of a reference, seconds [default: none; bench and study: 600]
         ///
-        /// At least one pass is made. Later runs of `bench` and `study` resume the reference, and `render --reference`
-        /// resumes it with passes_out.
+        /// The reference has at least one pass. Later runs of `bench` and `study` resume it, and so does `render --reference`
+        /// with passes_out.
         time_limit: Option<f64> = None, of &["render", "bench", "study"];
         /// Folder that keeps the accumulation of --reference, to resume from it
         passes_out: Option<PathBuf> = None, of &["render"];
@@ -124,7 +130,7 @@ table::settings! {
         by_kind: bool = false, of &["bench"];
         /// Measure everything again instead of resuming
         fresh: bool = false, of &["bench"];
-        /// With --report: a file of other renderers' times and FLIP, as in docs/results/peers
+        /// File of other renderers' times and FLIP for --report, as in docs/results/peers
         peers: Option<PathBuf> = None, of &["bench"];
         /// Play on if the first 30 frames show that nothing fits the budget
         keep_going: bool = false, of &["play"];
@@ -271,63 +277,6 @@ const BALANCED: &[&str] = &["render", "play", "view", "scale", "bench", "study",
 const FIXED: &[&str] = &["render", "scale", "graph", "study"];
 /// Commands whose frames have one denoiser and one foveation. `bench` takes lists.
 const SINGLE: &[&str] = &["render", "scale", "graph", "play", "view", "study"];
-
-/// The assignment that a setting lacks for an effect; `None` if it has one.
-type Needs = Option<&'static str>;
-
-fn missing(has_effect: bool, assignment: &'static str) -> Needs {
-    (!has_effect).then_some(assignment)
-}
-
-fn denoiser(settings: &Settings) -> Needs {
-    missing(settings.denoiser.is_some(), "a denoiser")
-}
-
-fn filled(settings: &Settings) -> Needs {
-    missing(settings.render_scale >= 1.0 || settings.filter().is_some(), "a denoiser to fill in pixels")
-}
-
-fn atrous(settings: &Settings) -> Needs {
-    missing(settings.denoiser == Some(Denoiser::ATROUS), "denoiser=atrous")
-}
-
-fn history(settings: &Settings) -> Needs {
-    let keeps_history = settings.denoiser.is_some_and(Denoiser::keeps_history);
-    missing(keeps_history, "denoiser=svgf").or_else(|| missing(settings.bounces > 1, "bounces=2 or more"))
-}
-
-fn finished_light(settings: &Settings) -> Needs {
-    let leaves_it = settings.denoiser.is_some_and(|denoiser| denoiser.method().leaves_finished_light());
-    missing(leaves_it, "denoiser=svgf").or_else(|| missing(settings.reproject, "reproject=on"))
-}
-
-fn indirect_light(settings: &Settings) -> Needs {
-    missing(settings.bounces > 1, "bounces=2 or more")
-}
-
-fn layers(settings: &Settings) -> Needs {
-    missing(settings.foveation == FoveationMode::Layers, "foveation=layers")
-}
-
-fn log_polar(settings: &Settings) -> Needs {
-    missing(matches!(settings.foveation, FoveationMode::Polar(PolarSpace::Log(_))), "foveation=log-polar")
-}
-
-fn foveated(settings: &Settings) -> Needs {
-    missing(settings.foveation != FoveationMode::None, "foveation, for example foveation=layers")
-}
-
-fn several_controllers(settings: &Settings) -> Needs {
-    missing(settings.controller.len() > 1, "controller=NAME,NAME")
-}
-
-fn static_balance(settings: &Settings) -> Needs {
-    missing(settings.balances().contains(&Balance::Static), "balance=static")
-}
-
-fn halos(settings: &Settings) -> Needs {
-    missing(settings.seam == SeamMode::Halo, "seam=halo")
-}
 
 /// Iterations of the inner, middle and outer layer in the three-layer configuration of Peres, section 6.
 const LAYER_ITERATIONS: [u32; 3] = [2, 3, 5];

@@ -230,50 +230,6 @@ impl<T: Value> Value for Vec<T> {
     }
 }
 
-impl Value for RatioRule {
-    const FORM: &'static str = "A,B,…";
-
-    const LIST_FORM: &'static str = "A,B,…";
-
-    const SEPARATOR: char = ';';
-
-    fn parse(text: &str) -> Result<Self, String> {
-        text.parse()
-    }
-
-    fn text(&self) -> String {
-        self.to_string()
-    }
-}
-
-impl Value for Disturbance {
-    const FORM: &'static str = "WHAT@WHEN";
-
-    const LIST_FORM: &'static str = "WHAT@WHEN";
-
-    fn parse(text: &str) -> Result<Self, String> {
-        text.parse()
-    }
-
-    fn text(&self) -> String {
-        self.to_string()
-    }
-}
-
-impl Value for ControllerKind {
-    const FORM: &'static str = "NAME";
-
-    const LIST_FORM: &'static str = "NAME";
-
-    fn parse(text: &str) -> Result<Self, String> {
-        text.parse()
-    }
-
-    fn text(&self) -> String {
-        self.to_string()
-    }
-}
-
 impl Value for PathBuf {
     const FORM: &'static str = "PATH";
 
@@ -284,4 +240,32 @@ impl Value for PathBuf {
     fn text(&self) -> String {
         self.display().to_string()
     }
+}
+
+/// Implements [`Value`] for types whose text and message are their own, with the forms of one and of several, and the
+/// separator.
+macro_rules! own_texts {
+    ($($type:ty: $form:literal, $list:literal, $separator:literal;)+) => {$(
+        impl Value for $type {
+            const FORM: &'static str = $form;
+
+            const LIST_FORM: &'static str = $list;
+
+            const SEPARATOR: char = $separator;
+
+            fn parse(text: &str) -> Result<Self, String> {
+                text.parse()
+            }
+
+            fn text(&self) -> String {
+                self.to_string()
+            }
+        }
+    )+};
+}
+
+own_texts! {
+    RatioRule: "A,B,…", "A,B,…", ';';
+    Disturbance: "WHAT@WHEN", "WHAT@WHEN", ',';
+    ControllerKind: "NAME", "NAME", ',';
 }
