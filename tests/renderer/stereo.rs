@@ -1,11 +1,12 @@
 //! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
-use crate::common::{Stage, Subject, is_thorough, sampled, with};
+use crate::common::{Stage, Subject, is_thorough, sampled, still_rig, with};
 use crate::pictures::seen_apart;
-use crate::reference::scenes::materials;
+use crate::reference::scenes::{add_matte, empty, materials, place, quad};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use diptych::metrics::compare;
 use diptych::passes::Aov;
+use glam::Vec3;
 
 /// 512 spp with two bounces in the classic box. The noise of the two renders, which is independent except in the holes,
 /// is below the tolerance.
@@ -102,4 +103,40 @@ fn same_bytes_in_holes_as_in_a_traced_eye() {
         let (found, expected) = (reprojected.linear.right.pixels[i], traced.pixels[i]);
         assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "pixel {i}");
     }
+}
+
+/// Returns the mean column and row of the pixels nearer than `depth`.
+fn middle_of_near(depths: &[f32], width: usize, depth: f32) -> (f64, f64) {
+    let near: Vec<usize> = (0..depths.len()).filter(|&i| depths[i] > 0.0 && depths[i] < depth).collect();
+    assert!(near.len() > 50, "{} near pixels", near.len());
+    let mean = |of: &dyn Fn(usize) -> usize| near.iter().map(|&i| of(i) as f64).sum::<f64>() / near.len() as f64;
+    (mean(&|i| i % width), mean(&|i| i / width))
+}
+
+#[test]
+fn near_object_has_the_expected_disparity() {
+    let (width, height) = (160, 90);
+    let mut scene = empty("board before a wall");
+    let grey = add_matte(&mut scene, Vec3::splat(0.5));
+    let at = |z: f32, half: f32| quad(Vec3::new(-half, -half, z), Vec3::X * 2.0 * half, Vec3::Y * 2.0 * half, grey);
+    place(&mut scene, at(-2.0, 0.25));
+    place(&mut scene, at(-40.0, 100.0));
+    scene.environment = diptych::scene::Environment::Constant(Vec3::ONE);
+    let mut rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
+    rig.baseline_m = 0.2;
+    let subject = Subject::new("board before a wall", scene, rig);
+    let mut settings = subject.settings(width, height);
+    settings.buffers.aovs = vec![Aov::Depth];
+    settings.buffers.reproject = true;
+    let mut stage = Stage::alone(&subject, &settings);
+    stage.frame(0);
+    let depth = stage.aov(0);
+    let (left_x, left_y) = middle_of_near(&depth.left[0], width as usize, 10.0);
+    let (right_x, right_y) = middle_of_near(&depth.right[0], width as usize, 10.0);
+    // Disparity is focal length in pixels times baseline over distance.
+    let disparity = 0.5 * f64::from(height) / 0.5 * 0.2 / 2.0;
+    assert!((left_x - right_x - disparity).abs() < 0.6, "{left_x} - {right_x} is not {disparity}");
+    assert!((left_y - right_y).abs() < 1e-9);
+    let middle = f64::from(width) / 2.0 - 0.5;
+    assert!(left_x > middle && right_x < middle, "{left_x} and {right_x} on the sides of {middle}");
 }
