@@ -4,7 +4,8 @@ use std::ops::{Deref, DerefMut};
 
 use serde_json::{Map, Value as Json};
 
-use super::{Setting, Settings, layers, text_of};
+use super::needs::layers;
+use super::{Setting, Settings, text_of};
 use crate::projection::within;
 use crate::quality::{Denoiser, SettingError};
 

@@ -29,11 +29,6 @@ use crate::scene::shot::{Exposure, Gaze, ShotEnvironment};
 use crate::scene::viewpoint::Orbit;
 use crate::schedule::{Balance, RatioRule};
 
-use needs::{
-    atrous, denoiser, filled, finished_light, foveated, halos, history, indirect_light, layers, log_polar,
-    several_controllers, static_balance,
-};
-
 pub use chosen::Chosen;
 pub use scene_value::EyePoints;
 pub use table::{CONTACT_SHEET, Group, NO_SHOT, Setting};

@@ -145,7 +145,7 @@ macro_rules! setting {
             json: |settings| settings.$key.json(),
             separator: if <$type as Value>::IS_LIST { Some(<$type as Value>::SEPARATOR) } else { None },
             needs: |_settings| {
-                $(if let Some(needs) = $needs(_settings) { return Some(needs); })?
+                $(if let Some(needs) = needs::$needs(_settings) { return Some(needs); })?
                 None
             },
             of: {
