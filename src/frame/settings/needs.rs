@@ -1,4 +1,4 @@
-//! What settings need for an effect.
+//! Conditions under which settings have an effect.
 
 use super::{FoveationMode, SeamMode, Settings};
 use crate::projection::PolarSpace;
