@@ -57,6 +57,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let judged = args.judged()?;
     args.check_effects(args.settings().into_iter().chain(judged.iter().copied()))?;
     let peers = options.settings.peers.as_deref().map(Peers::read).transpose().map_err(Failure::Input)?;
+    let given = args.reference.as_deref().map(|folder| reference::given(folder, options)).transpose()?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
@@ -67,7 +68,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     let devices: Vec<DeviceInfo> = gpus.infos();
     let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, options.settings.fresh)?;
-    let mut reference = reference::find(args, &loaded, &tracing, &journal)?;
+    let own = || reference::own(&Wanted::of_grid(args)?, &loaded, &tracing, Some(&journal));
+    let mut reference = given.map_or_else(own, Ok)?;
     interrupt::check()?;
     let (seen, gpus) = kinds::of_shot(options, &loaded, &reference.images, options.settings.by_kind, gpus, &tracing)?;
     (reference.kinds, reference.in_right) = (seen.kinds, Some(seen.in_right));

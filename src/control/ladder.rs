@@ -30,13 +30,13 @@ pub enum LadderError {
     #[error("{path} is not a quality ladder: make one with `diptych bench`")]
     File { path: PathBuf, source: Box<LadderError> },
     #[error("not a valid ladder file: {0}")]
-    Form(#[from] Box<toml::de::Error>),
+    Form(Box<toml::de::Error>),
     #[error("the ladder has no rungs")]
     Empty,
     #[error("rung {number}: {what}")]
     Rung { number: usize, what: String },
     #[error("cannot write the ladder as TOML: {0}")]
-    Format(#[from] toml::ser::Error),
+    Format(toml::ser::Error),
     #[error(transparent)]
     Write(#[from] ImageError),
 }
@@ -168,7 +168,7 @@ impl Ladder {
     /// # Errors
     /// [`LadderError::Form`], and those of [`Self::new`].
     pub fn parse(text: &str) -> Result<Self, LadderError> {
-        let File { mut origin, rung } = toml::from_str(text).map_err(Box::new)?;
+        let File { mut origin, rung } = toml::from_str(text).map_err(|error| LadderError::Form(Box::new(error)))?;
         let checked = |(i, rung): (usize, FileRung)| {
             rung.rung(origin.measure).map_err(|what| LadderError::Rung { number: i + 1, what })
         };
@@ -194,7 +194,7 @@ impl Ladder {
     /// [`LadderError::Format`].
     pub fn text(&self) -> Result<String, LadderError> {
         let rung = self.rungs.iter().map(FileRung::of).collect();
-        Ok(toml::to_string_pretty(&File { origin: self.origin.clone(), rung })?)
+        toml::to_string_pretty(&File { origin: self.origin.clone(), rung }).map_err(LadderError::Format)
     }
 
     /// # Errors

@@ -39,15 +39,8 @@ pub struct Reference {
     pub key: String,
 }
 
-/// Reads the images that the options name, or renders a reference.
-pub fn find(args: &Args, loaded: &LoadedScene, tracing: &Tracing, journal: &Journal) -> Result<Reference, Failure> {
-    match &args.reference {
-        Some(folder) => given(folder, &args.options),
-        None => own(&Wanted::of_grid(args)?, loaded, tracing, Some(journal)),
-    }
-}
-
-fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> {
+/// Reads the reference's images in a folder.
+pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> {
     let read = |name: &str| -> Result<RgbImage, Failure> {
         let path = folder.join(name);
         let image = exr::read_rgb(&path).map_err(|e| Failure::Input(e.into()))?;

@@ -223,12 +223,11 @@ fn ladder_holds_the_best_measured_settings() {
 fn rejects_missing_or_unfit_references() {
     let folder = Folder::new();
     folder.run("render builtin:cornell --size 16x8 --quiet --out ./small");
-    for (reference, part) in [("./small", "16x8"), ("/nowhere", "left.exr")] {
-        let line = format!("bench builtin:cornell --size 32x18 --out ./bench --reference-images {reference}");
-        let said = folder.try_run(&line);
-        assert!(said.status == Some(2) && said.errors.contains(part), "{line}: {}", said.errors);
-        assert!(!folder.path("bench/bench.csv").exists());
-    }
+    let table = "
+    --reference-images ./small => 16x8
+    --reference-images /nowhere => left.exr
+    ";
+    folder.refuses(2, "bench builtin:cornell --size 32x18 --out ./bench", table);
 }
 
 /// Returns the folder of the reference that `bench` kept.
