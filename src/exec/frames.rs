@@ -15,7 +15,7 @@ use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally, Tas
 use crate::device::DeviceFailure;
 use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
-use crate::schedule::{Network, Split};
+use crate::schedule::{Network, Splits};
 
 /// An attempt at a frame.
 #[derive(Clone, Copy)]
@@ -141,7 +141,7 @@ impl Frames {
         &mut self,
         inputs: Inputs,
         (plan, graph): (&Plan, Arc<FrameGraph>),
-        splits: impl Fn(usize) -> Vec<Split>,
+        splits: impl Fn(usize) -> Splits,
         report: FrameReport,
         attempt: Attempt,
     ) {

@@ -14,7 +14,7 @@ use super::staging::Mapped;
 use super::wire;
 use crate::device::DeviceFailure;
 use crate::layout;
-use crate::schedule::Split;
+use crate::schedule::Splits;
 use crate::stages::Place;
 use crate::tables::SceneUpdate;
 
@@ -57,8 +57,7 @@ pub struct FrameJob {
     pub place: Place,
     /// Images that the primary returns with its answer, in addition to the row tallies.
     pub reads: Vec<Output>,
-    /// Submission splits on this device, in addition to those at transfers.
-    pub splits: Vec<Split>,
+    pub splits: Splits,
     /// Source of the late-latched pose, for the primary. It is not sent to other ranks.
     #[serde(skip)]
     pub late: Option<Late>,
@@ -196,7 +195,7 @@ pub(super) mod tests {
     use crate::passes::tonemap::{DISPLAY, LINEAR};
     use crate::passes::{ROW_TALLY, aov_image};
     use crate::scene::rig::Eye;
-    use crate::schedule::Position;
+    use crate::schedule::{Position, Split};
 
     fn round_trip<T: Serialize + DeserializeOwned + PartialEq + fmt::Debug>(message: &T) {
         let text = serde_json::to_string(message).unwrap();
@@ -221,7 +220,11 @@ pub(super) mod tests {
             update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]], left_out: 3 },
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
-            splits: vec![Split { task: 4, at: Position { run: 1, row: 16 } }],
+            splits: Splits {
+                ends: vec![Split { task: 4, at: Position { run: 1, row: 16 } }],
+                probes: vec![6],
+                bound_ms: 200.0,
+            },
             late: None,
             runs: 2,
             injected: Some(InjectedKind::Hang),

@@ -22,7 +22,7 @@ use crate::image::Extent;
 use crate::layout;
 use crate::samples::PixelSamples;
 use crate::scene::rig::Rig;
-use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, simulate, splits};
+use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, Splits, simulate, splits};
 use crate::stages::{Place, StageError};
 use crate::tables::SceneTables;
 
@@ -370,7 +370,7 @@ impl Renderer {
         let samples = inputs.constants.sampling.samples;
         let splits = |device: usize| {
             let bound_ms = self.max_dispatch_ms[device];
-            bound_ms.map_or_else(Vec::new, |ms| splits(&graph, &self.costs, device, ms, samples))
+            bound_ms.map_or_else(Splits::default, |ms| splits(&graph, &self.costs, device, ms, samples))
         };
         self.frames.dispatch_frame(inputs, (&plan, Arc::clone(&graph)), splits, report, attempt);
         // The prediction runs while the devices are busy.

@@ -3,6 +3,7 @@
 pub mod action;
 pub mod device;
 mod part;
+mod speeds;
 pub mod protocol;
 
 use std::collections::HashMap;
@@ -110,7 +111,9 @@ impl Worker {
                 None if waits => return Ok(false),
                 None => protocol.no_order(),
             },
-            Action::Execute { ticket, at } => part_of(parts, ticket)?.execute(device, at)?,
+            Action::Execute { ticket, at } => {
+                part_of(parts, ticket)?.execute(device, at, || channels.heartbeat().beat())?;
+            }
             Action::Inject { kind } => device.inject(kind),
             Action::Send(Outgoing { ticket, transfer, to }) => {
                 let part = part_of(parts, ticket)?;

@@ -57,6 +57,12 @@ pub enum Command {
     Close,
     /// Submit the recorded commands, including copies of these rows. The device first executes pending writes.
     Submit(Vec<Outgoing>),
+    /// Run the task with this index, whose time is unknown, in submissions that grow with what the device has timed.
+    /// `stamps` is the index of the first of its two timestamps.
+    Probe {
+        task: usize,
+        stamps: Option<u32>,
+    },
     Inject(InjectedKind),
 }
 
@@ -140,7 +146,7 @@ shared_structs! {
 pub struct Timed {
     /// Index of the task among those of its device.
     pub task: usize,
-    /// Number of submissions that the task is split into.
+    /// Number of submissions that the task is split into; 0 for a [`Command::Probe`], which finds out.
     pub submissions: u32,
 }
 

@@ -1,6 +1,5 @@
 //! Lists the commands of a device's share of a frame.
 
-use std::cmp::Ordering;
 use std::ops::Range;
 
 use super::commands::{Command, Commands, EyeImage, InjectedKind, Launched, Outgoing, PassConstants, Rows, Timed};
@@ -8,7 +7,7 @@ use super::workgroups::groups;
 use crate::graph::{Access, FrameGraph, Linked, Program, SceneUse, Task, TaskKind, Use};
 use crate::passes::LATE_PARTITION;
 use crate::samples::PixelSamples;
-use crate::schedule::{Position, Split, parts};
+use crate::schedule::{Position, Splits, parts, rows_in};
 use crate::wgsl::Words;
 
 /// A device's share of a frame: the inputs of its commands, in addition to the frame's graph.
@@ -17,8 +16,7 @@ pub struct Share<'a> {
     pub ticket: u64,
     pub device: usize,
     pub samples: PixelSamples,
-    /// Submission splits, in addition to those at transfers.
-    pub splits: &'a [Split],
+    pub splits: &'a Splits,
     /// Number of times that each dispatch runs; more than 1 only to simulate slow devices. The images of the device stay
     /// the same, byte for byte.
     pub repeats: u32,
@@ -130,9 +128,15 @@ impl Builder {
     }
 
     pub fn inject(&mut self, kind: InjectedKind) {
+        self.apart(Command::Inject(kind));
+    }
+
+    /// Adds a command that records and submits by itself.
+    pub fn apart(&mut self, command: Command) {
         self.submit();
         self.list.append(&mut self.writes);
-        self.list.push(Command::Inject(kind));
+        self.list.extend(std::mem::take(&mut self.asks).then_some(Command::Ask));
+        self.list.push(command);
     }
 
     fn submit(&mut self) {
@@ -158,13 +162,12 @@ impl Builder {
 
     fn task(&mut self, graph: &FrameGraph, share: &Share<'_>, number: usize, task: &Task) {
         let rows = |image| rows_of(&graph.program, number, task, image);
-        match &task.kind {
-            TaskKind::Dispatch { pass, valid } => {
-                let work = Work { program: &graph.program, pass: *pass, rows: &task.rows, valid };
-                self.dispatch(&work, share, number);
+        match task.kind {
+            TaskKind::Dispatch { .. } => {
+                Work::of(graph, task).iter().for_each(|work| self.dispatch(work, share, number));
             }
-            &TaskKind::Download { image, transfer, to } => self.copy_out(transfer, to, rows(image)),
-            &TaskKind::Upload { image, transfer } => self.copy_in(transfer, rows(image)),
+            TaskKind::Download { image, transfer, to } => self.copy_out(transfer, to, rows(image)),
+            TaskKind::Upload { image, transfer } => self.copy_in(transfer, rows(image)),
             TaskKind::Stitch => {}
         }
     }
@@ -173,7 +176,12 @@ impl Builder {
     fn dispatch(&mut self, work: &Work<'_>, share: &Share<'_>, task: usize) {
         let pair = (self.timed.len() < MOST_TIMED).then_some(2 * self.timed.len() as u32);
         let mut submissions = 0;
-        for (i, part) in parts(share.splits, task, work.rows).into_iter().enumerate() {
+        if share.splits.probes.contains(&task) {
+            self.apart(Command::Probe { task, stamps: pair });
+            self.timed.extend(pair.map(|_| Timed { task, submissions }));
+            return;
+        }
+        for (i, part) in parts(&share.splits.ends, task, work.rows).into_iter().enumerate() {
             if i > 0 {
                 self.submit();
             }
@@ -187,14 +195,21 @@ impl Builder {
 }
 
 /// A pass on some rows.
-struct Work<'a> {
-    program: &'a Program,
-    pass: usize,
-    rows: &'a Range<u32>,
+#[derive(Clone, Copy)]
+pub struct Work<'a> {
+    pub program: &'a Program,
+    pub pass: usize,
+    pub rows: &'a Range<u32>,
     valid: &'a Range<u32>,
 }
 
-impl Work<'_> {
+impl<'a> Work<'a> {
+    /// Returns the pass of a task; `None` if the task runs none.
+    pub fn of(graph: &'a FrameGraph, task: &'a Task) -> Option<Self> {
+        let TaskKind::Dispatch { pass, valid } = &task.kind else { return None };
+        Some(Self { program: &graph.program, pass: *pass, rows: &task.rows, valid })
+    }
+
     fn linked(&self) -> &Linked {
         &self.program.passes()[self.pass]
     }
@@ -210,7 +225,7 @@ impl Work<'_> {
     }
 
     /// Returns the commands of a part of the work. `pair` is the index of the first of the work's two timestamps.
-    fn part(&self, part: &Range<Position>, share: &Share<'_>, pair: Option<u32>) -> Vec<Command> {
+    pub fn part(&self, part: &Range<Position>, share: &Share<'_>, pair: Option<u32>) -> Vec<Command> {
         let (begins, ends) = (part.start == Position::start(self.rows), part.end == Position::END);
         let builds = ends && !self.rows.is_empty() && self.linked().pass.builds_from.is_some();
         // Later parts may add to any image that the first part wrote.
@@ -275,19 +290,4 @@ pub fn launched(
             Launched { jitter: run.jitter, constants, groups }
         })
         .collect()
-}
-
-/// Returns the rows that a part of a task on `rows` covers in the kernel run with the index `run`.
-pub(super) fn rows_in(part: &Range<Position>, rows: &Range<u32>, run: u32) -> Range<u32> {
-    let begin = match run.cmp(&part.start.run) {
-        Ordering::Less => rows.end,
-        Ordering::Equal => part.start.row,
-        Ordering::Greater => rows.start,
-    };
-    let end = match run.cmp(&part.end.run) {
-        Ordering::Less => rows.end,
-        Ordering::Equal => part.end.row,
-        Ordering::Greater => rows.start,
-    };
-    begin..end
 }

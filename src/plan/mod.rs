@@ -5,7 +5,7 @@ mod list;
 mod workgroups;
 
 pub use commands::{Command, Commands, EyeImage, InjectedKind, Launched, Outgoing, Rows, Timed};
-pub use list::{Builder, MOST_TIMED, Share, launched};
+pub use list::{Builder, MOST_TIMED, Share, Work, launched};
 pub use workgroups::{Groups, groups};
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use crate::projection::PolarSpace;
 use crate::quality::Denoiser;
 use crate::samples::Samples;
 use crate::scene::rig::Eye;
-use crate::schedule::{Position, Split};
+use crate::schedule::{Position, Split, Splits, rows_in};
 use text::text_of;
 
 const TICKET: u64 = 7;
@@ -47,6 +47,7 @@ fn words(commands: &Commands) -> Vec<String> {
         Command::Submit(copies) => {
             copies.iter().fold("submit".to_owned(), |word, copy| format!("{word} {}", copy.transfer))
         }
+        Command::Probe { task, .. } => format!("probe {task}"),
         Command::Inject(kind) => kind.name().to_owned(),
     };
     commands.list.iter().map(word).collect()
@@ -119,6 +120,7 @@ struct Kind {
     injected: Option<InjectedKind>,
     asks: bool,
     splits: bool,
+    probes: bool,
 }
 
 /// Returns all kinds of frames.
@@ -138,6 +140,7 @@ fn kinds() -> Vec<Kind> {
         injected: None,
         asks: false,
         splits: false,
+        probes: false,
     };
     let plain = |filter| FrameSpec { filter, ..spec.clone() };
     vec![
@@ -159,6 +162,8 @@ fn kinds() -> Vec<Kind> {
         Kind { samples: Samples::of_mean(5.5), splits: true, ..of("cut", &spec) },
         Kind { asks: true, splits: true, ..of("late_cut", &chain(late)) },
         Kind { repeats: 2, splits: true, ..of("slow_cut", &plain(None)) },
+        Kind { probes: true, samples: Samples::of_mean(5.5), ..of("probed", &spec) },
+        Kind { asks: true, probes: true, ..of("late_probed", &chain(late)) },
         Kind { injected: Some(InjectedKind::Hang), ..of("injected", &plain(None)) },
     ]
 }
@@ -183,12 +188,14 @@ impl Kind {
                 ]
             };
             let all = dispatches.step_by(if self.asks { 1 } else { 5 }).flat_map(|(task, of)| at(task, &of.rows));
-            let splits: Vec<Split> = all.filter(|_| self.splits).collect();
+            let ends = all.filter(|_| self.splits).collect();
+            let is_probed = |task: &usize| graph.tasks_of(device)[*task].rows.len() > 4 && self.probes;
+            let probes = (0..graph.parts_of(device).0.len()).step_by(2).filter(is_probed).collect();
             let share = Share {
                 ticket: TICKET,
                 device,
                 samples: self.samples.shared(EXTENT, true),
-                splits: &splits,
+                splits: &Splits { ends, probes, bound_ms: 9.0 },
                 repeats: self.repeats,
                 injected: self.injected,
                 asks: self.asks && device == 0,
@@ -258,6 +265,9 @@ fn command_list_executes_each_task_once() {
                     }
                     Command::Ask => asked += 1,
                     Command::Begin | Command::Inject(_) => assert_eq!(open, 0),
+                    Command::Probe { task, .. } => {
+                        assert_eq!((open, graph.tasks_of(device)[*task].device), (0, device), "{}", kind.name);
+                    }
                     _ => {
                         assert!(!closed, "{}", kind.name);
                         open += 1;
@@ -282,6 +292,7 @@ fn assert_order(name: &str, graph: &FrameGraph, device: usize, commands: &Comman
     for (at, command) in commands.list.iter().enumerate() {
         let task = match command {
             Command::CopyOut { rows, .. } | Command::CopyIn { rows, .. } => rows.task,
+            Command::Probe { task, .. } => *task,
             Command::Dispatch { begins: Some(stamp), .. } | Command::Dispatch { ends: Some(stamp), .. } => {
                 commands.timed[*stamp as usize / 2].task
             }
@@ -291,7 +302,7 @@ fn assert_order(name: &str, graph: &FrameGraph, device: usize, commands: &Comman
         places[task] = Some((places[task].map_or(at, |(first, _)| first), at));
     }
     let submission = |at: usize| {
-        let is_submission = |command: &Command| matches!(command, Command::Submit(_));
+        let is_submission = |command: &Command| matches!(command, Command::Submit(_) | Command::Probe { .. });
         at + commands.list[at..].iter().position(is_submission).expect("everything is submitted")
     };
     let place = |node| {
@@ -314,7 +325,7 @@ fn parts_cover_all_rows_of_all_runs_once() {
     let ends = [at(0, 5), at(0, 8), at(2, 6), at(2, 9), at(3, 5), Position::END];
     let mut seen = vec![Vec::new(); 5];
     for pair in ends.windows(2) {
-        (0..5).for_each(|run| seen[run as usize].extend(list::rows_in(&(pair[0]..pair[1]), &(5..9), run)));
+        (0..5).for_each(|run| seen[run as usize].extend(rows_in(&(pair[0]..pair[1]), &(5..9), run)));
     }
     assert_eq!(seen, vec![vec![5, 6, 7, 8]; 5]);
 }

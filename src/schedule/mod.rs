@@ -28,7 +28,7 @@ pub use network::Network;
 pub use policy::{Even, Policy, RatioRule, Static};
 pub use relative_cost::RelativeCost;
 pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, Stuck, simulate, simulate_at, task_ms};
-pub use splits::{Position, Split, parts, splits};
+pub use splits::{Divisible, Position, Split, Splits, UNKNOWN_PATH_MS, parts, rows_in, splits};
 
 #[cfg(test)]
 mod tests;

@@ -1,12 +1,13 @@
 //! Splits a device's work into submissions that are each predicted to stay within a time bound, since the GPU watchdog
 //! (TDR on Windows) resets a device that is busy for seconds.
 
+use std::cmp::Ordering;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
 use super::cost::CostModel;
-use crate::graph::{Dispatch, FrameGraph, Pass, SceneUse, TaskKind};
+use crate::graph::{Dispatch, FrameGraph, Pass, Program, SceneUse, TaskKind};
 use crate::samples::PixelSamples;
 
 /// Position in a task, which runs its kernel one or more times: right before row `row` of the run with the index `run`.
@@ -41,22 +42,31 @@ pub fn parts(splits: &[Split], task: usize, rows: &Range<u32>) -> Vec<Range<Posi
     ends.windows(2).map(|pair| pair[0]..pair[1]).collect()
 }
 
-/// Assumed times on a device that has not run the pass yet: per path, and per pixel in passes that trace no paths. They
-/// hold even for a GPU that is ten times slower than a slow one of 2015.
-const UNKNOWN_PATH_MS: f64 = 2e-3;
-const UNKNOWN_PIXEL_MS: f64 = 1e-4;
+/// Assumed time per pixel, on a device that has not run the pass yet, of passes that read no scene. A filter of 25 taps
+/// takes about 1,500 operations and 40 bytes: 1.5e-5 ms at 100 billion operations a second, a quarter of the speed of
+/// integrated GPUs of 2015.
+const UNKNOWN_PIXEL_MS: f64 = 2e-5;
+
+/// Assumed time per path. It holds for such a GPU as well, but is a hundred times that of fast ones. Hence a device times
+/// the first rows of a pass that would exceed the bound: see [`Splits::probes`].
+pub const UNKNOWN_PATH_MS: f64 = 2e-3;
+
+/// Division of a device's work into submissions, in addition to those that its transfers end.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Splits {
+    pub ends: Vec<Split>,
+    /// Indices of tasks of unknown time, which the device divides itself. It times the first rows, and the more it has
+    /// timed, the more it submits at once.
+    pub probes: Vec<usize>,
+    /// Bound of the time of a submission, in milliseconds.
+    pub bound_ms: f64,
+}
 
 /// Returns the splits of a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of
 /// these samples per pixel. Work that exceeds the bound and cannot be split becomes a submission of its own.
-pub fn splits(
-    graph: &FrameGraph,
-    model: &CostModel,
-    device: usize,
-    bound_ms: f64,
-    samples: PixelSamples,
-) -> Vec<Split> {
+pub fn splits(graph: &FrameGraph, model: &CostModel, device: usize, bound_ms: f64, samples: PixelSamples) -> Splits {
     let (own, _) = graph.parts_of(device);
-    let mut splits = Vec::new();
+    let mut splits = Splits { bound_ms, ..Splits::default() };
     let mut left_ms = bound_ms;
     for (number, task) in own.iter().enumerate() {
         let TaskKind::Dispatch { pass, .. } = task.kind else {
@@ -64,39 +74,117 @@ pub fn splits(
             left_ms = bound_ms;
             continue;
         };
+        let work = Divisible::new(&graph.program, pass, &task.rows, samples);
         let pass = &graph.program.passes()[pass].pass;
-        let width = pass.grid.extent(graph.program.extent).width;
-        let samples: Vec<u32> = samples.runs(&pass.launches).map(|run| run.samples).collect();
-        let all_samples = f64::from(samples.iter().sum::<u32>());
-        for (run, samples) in (0..).zip(samples) {
-            let ms = |rows: Range<u32>| {
-                let pixels = f64::from(width) * f64::from(rows.end - rows.start);
-                match model.cautious_pass_ms(pass, device, &rows, pixels) {
-                    Some(ms) => ms * f64::from(samples) / all_samples,
-                    None if pass.kernel.scene == SceneUse::Read => UNKNOWN_PATH_MS * pixels * f64::from(samples),
-                    None => UNKNOWN_PIXEL_MS * pixels,
-                }
-            };
-            let (mut row, end) = (task.rows.start, task.rows.end);
-            loop {
-                let rest_ms = ms(row..end);
-                if rest_ms <= left_ms {
-                    left_ms -= rest_ms;
-                    break;
-                }
-                let fitting = step(pass).and_then(|step| last_fitting(row..end, step, |to| ms(row..to) <= left_ms));
-                let least = || step(pass).map_or(end, |step| (row / step + 1) * step).min(end);
-                row = fitting.unwrap_or_else(|| if left_ms < bound_ms { row } else { least() });
-                if row == end {
-                    left_ms = 0.0;
-                    break;
-                }
-                splits.push(Split { task: number, at: Position { run, row } });
-                left_ms = bound_ms;
+        let all_samples = f64::from(work.samples.iter().sum::<u32>());
+        let (reads_scene, all) = (pass.kernel.scene == SceneUse::Read, Position::start(&task.rows)..Position::END);
+        let is_known = model.cautious_pass_ms(pass, device, &task.rows, 0.0).is_some();
+        if reads_scene && !is_known && work.paths(&all) * UNKNOWN_PATH_MS > bound_ms {
+            splits.probes.push(number);
+            left_ms = bound_ms;
+            continue;
+        }
+        let ms = |run: u32, rows: Range<u32>| match model.cautious_pass_ms(pass, device, &rows, work.pixels(&rows)) {
+            Some(ms) => ms * f64::from(work.samples[run as usize]) / all_samples,
+            None if reads_scene => UNKNOWN_PATH_MS * work.paths_of(run, rows),
+            None => UNKNOWN_PIXEL_MS * work.pixels(&rows),
+        };
+        let mut at = all.start;
+        loop {
+            let (mut to, cost_ms) = work.reach(at, left_ms, ms);
+            left_ms -= cost_ms;
+            if to == at && left_ms >= bound_ms {
+                (to, left_ms) = (work.next(at), 0.0);
             }
+            if to == Position::END {
+                break;
+            }
+            splits.ends.push(Split { task: number, at: to });
+            (at, left_ms) = (to, bound_ms);
         }
     }
     splits
+}
+
+/// A task that can be divided between its rows, and between the runs of its kernel.
+pub struct Divisible<'a> {
+    pub rows: &'a Range<u32>,
+    pub width: u32,
+    /// Number of rows that are computed together; `None` if rows cannot be divided.
+    pub step: Option<u32>,
+    /// Samples per pixel of each run.
+    pub samples: Vec<u32>,
+}
+
+impl<'a> Divisible<'a> {
+    /// Describes a pass of the program, given by its index, on these rows.
+    pub fn new(program: &Program, pass: usize, rows: &'a Range<u32>, samples: PixelSamples) -> Self {
+        let pass = &program.passes()[pass].pass;
+        let width = pass.grid.extent(program.extent).width;
+        let samples = samples.runs(&pass.launches).map(|run| run.samples).collect();
+        Self { rows, width, step: step(pass), samples }
+    }
+
+    /// Returns the number of paths if each pixel starts one per sample.
+    pub fn paths(&self, part: &Range<Position>) -> f64 {
+        (0..self.samples.len() as u32).map(|run| self.paths_of(run, rows_in(part, self.rows, run))).sum()
+    }
+
+    /// Returns the number of paths of these rows of a run.
+    pub fn paths_of(&self, run: u32, rows: Range<u32>) -> f64 {
+        self.pixels(&rows) * f64::from(self.samples[run as usize])
+    }
+
+    fn pixels(&self, rows: &Range<u32>) -> f64 {
+        f64::from(self.width) * f64::from(rows.end.saturating_sub(rows.start))
+    }
+
+    /// Returns the furthest position such that the work from `from` to there costs at most `most`, and what it costs.
+    /// `cost` returns the cost of some rows of a run.
+    pub fn reach(&self, from: Position, most: f64, cost: impl Fn(u32, Range<u32>) -> f64) -> (Position, f64) {
+        let (mut at, mut sum) = (from, 0.0);
+        while (at.run as usize) < self.samples.len() {
+            let left = most - sum;
+            let rest = cost(at.run, at.row..self.rows.end);
+            if rest > left {
+                let fits = |to| cost(at.run, at.row..to) <= left;
+                return match self.step.and_then(|step| last_fitting(at.row..self.rows.end, step, fits)) {
+                    Some(row) => (Position { row, ..at }, sum + cost(at.run, at.row..row)),
+                    None => (at, sum),
+                };
+            }
+            sum += rest;
+            at = Position { run: at.run + 1, row: self.rows.start };
+        }
+        (Position::END, sum)
+    }
+
+    /// Returns the position after the smallest part of the work that begins at `from`.
+    pub fn next(&self, from: Position) -> Position {
+        let row = self.step.map_or(self.rows.end, |step| (from.row / step + 1) * step);
+        match from {
+            Position { run, .. } if row < self.rows.end => Position { run, row },
+            Position { run, .. } if (run as usize) + 1 < self.samples.len() => {
+                Position { run: run + 1, row: self.rows.start }
+            }
+            _ => Position::END,
+        }
+    }
+}
+
+/// Returns the rows that a part of a task on `rows` covers in the kernel run with the index `run`.
+pub fn rows_in(part: &Range<Position>, rows: &Range<u32>, run: u32) -> Range<u32> {
+    let begin = match run.cmp(&part.start.run) {
+        Ordering::Less => rows.end,
+        Ordering::Equal => part.start.row,
+        Ordering::Greater => rows.start,
+    };
+    let end = match run.cmp(&part.end.run) {
+        Ordering::Less => rows.end,
+        Ordering::Equal => part.end.row,
+        Ordering::Greater => rows.start,
+    };
+    begin..end
 }
 
 /// Returns the number of rows that a pass computes together; `None` if it cannot be split by rows.
@@ -191,8 +279,8 @@ mod tests {
     fn frame_within_the_bound_is_not_split() {
         let (graph, model) = frame(2);
         let model = learned(&graph, model, 2);
-        assert_eq!(splits(&graph, &model, 0, 1e5, PixelSamples::own(0..1, true)), []);
-        assert_eq!(splits(&graph, &model, 1, 1e5, PixelSamples::own(0..1, true)), []);
+        assert_eq!(splits(&graph, &model, 0, 1e5, PixelSamples::own(0..1, true)).ends, []);
+        assert_eq!(splits(&graph, &model, 1, 1e5, PixelSamples::own(0..1, true)).ends, []);
     }
 
     #[test]
@@ -205,7 +293,7 @@ mod tests {
                 let unsplit = submissions(&graph, device, &[], spp).len() as f64;
                 for bound_ms in [9.0, 40.0, 101.0, 500.0] {
                     let splits = splits(&graph, &model, device, bound_ms, PixelSamples::own(0..spp, true));
-                    let all = submissions(&graph, device, &splits, spp);
+                    let all = submissions(&graph, device, &splits.ends, spp);
                     let what = format!("{devices} devices, {spp} samples, {bound_ms} ms: {all:?}");
                     assert!((all.iter().sum::<f64>() - whole).abs() < 1e-6, "{what}");
                     assert!(all.iter().all(|ms| *ms <= bound_ms + 1e-6), "{what}");
@@ -217,33 +305,39 @@ mod tests {
     }
 
     #[test]
-    fn work_of_unknown_cost_is_split_by_its_paths() {
+    fn tasks_of_unknown_cost_are_probed_beyond_the_bound() {
         let (graph, model) = frame(1);
-        let splits_of = |bound_ms| splits(&graph, &model, 0, bound_ms, PixelSamples::own(0..4, true));
-        let paths = 4.0 * f64::from(EXTENT.width * EXTENT.height);
-        let of_paths = |splits: &[Split]| {
-            let is_traced = |split: &&Split| match graph.parts_of(0).0[split.task].kind {
-                TaskKind::Dispatch { pass, .. } => graph.program.passes()[pass].pass.kernel.name == "path_trace",
-                _ => false,
-            };
-            splits.iter().filter(is_traced).count() as f64
+        let pixels = f64::from(EXTENT.width * EXTENT.height);
+        let found = |bound_ms| splits(&graph, &model, 0, bound_ms, PixelSamples::own(0..4, true));
+        let kernel_of = |task: usize| match graph.parts_of(0).0[task].kind {
+            TaskKind::Dispatch { pass, .. } => graph.program.passes()[pass].pass.kernel.name,
+            _ => "",
         };
-        // Paths of the left eye, and of all pixels of the right eye, which may all be holes.
-        let expected = 2.0 * paths * UNKNOWN_PATH_MS / 20.0;
-        let found = of_paths(&splits_of(20.0));
-        assert!(found >= expected - 2.0 && found <= 1.2 * expected + 2.0, "{found} instead of {expected}");
-        assert_eq!(splits_of(1e6), []);
+        // Only path tracing, and antialiasing of the right eye's surfaces, take more than one sample per pixel.
+        let Splits { ends, probes, .. } = found(2.0 * pixels * UNKNOWN_PATH_MS);
+        assert_eq!(
+            probes.iter().map(|task| kernel_of(*task)).collect::<Vec<_>>(),
+            ["path_trace", "gbuffer", "path_trace"]
+        );
+        assert_eq!(ends, []);
+        // Filters are split by their pixels.
+        let Splits { ends, probes, .. } = found(0.5 * pixels * UNKNOWN_PIXEL_MS);
+        assert!(ends.iter().any(|split| kernel_of(split.task) == "svgf"));
+        assert!(ends.iter().all(|split| !probes.contains(&split.task)));
+        assert_eq!(found(1e6), Splits { bound_ms: 1e6, ..Splits::default() });
     }
 
     #[test]
     fn too_long_tasks_are_split_into_smallest_parts() {
         let (graph, model) = frame(1);
         let model = learned(&graph, model, 1);
-        let splits = splits(&graph, &model, 0, 1e-6, PixelSamples::own(0..1, true));
+        let splits = splits(&graph, &model, 0, 1e-6, PixelSamples::own(0..1, true)).ends;
         for (number, task) in graph.parts_of(0).0.iter().enumerate() {
             let parts = parts(&splits, number, &task.rows);
             let rows: Vec<u32> = parts.iter().map(|p| p.start.row).collect();
-            let expected: Vec<u32> = (0..EXTENT.height).step_by(8).collect();
+            let TaskKind::Dispatch { pass, .. } = graph.parts_of(0).0[number].kind else { unreachable!() };
+            let step = step(&graph.program.passes()[pass].pass).unwrap();
+            let expected: Vec<u32> = (0..EXTENT.height).step_by(step as usize).collect();
             // A submission ends before every task but the first.
             assert_eq!(rows[usize::from(number > 0)..], expected, "task {number}");
         }

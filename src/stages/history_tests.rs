@@ -19,6 +19,7 @@ use crate::samples::PixelSamples;
 use crate::scene::builtin;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::{Eye, Rig, RigKey};
+use crate::schedule::Splits;
 use crate::tables::SceneTables;
 
 const EXTENT: Extent = Extent { width: 48, height: 32 };
@@ -85,7 +86,7 @@ impl Bench {
         let mut to = Recording { gpu, queries, encoder: &mut encoder, program, place };
         let samples = frame.sampling.samples;
         let (ticket, device, repeats, injected) = (0, 0, 1, None);
-        let share = Share { ticket, device, samples, splits: &[], repeats, injected, asks: false };
+        let share = Share { ticket, device, samples, splits: &Splits::default(), repeats, injected, asks: false };
         for command in Commands::new(&graph, &share).list {
             match command {
                 Command::Clear(image) => self.stages.clear(&mut to, &image),

@@ -59,6 +59,7 @@ fn commands(ticket: Ticket, device: Device, left: &[Device], rules: Rules) -> Ar
         builder.copy_out(transfer(0, device, to), to, rows(0));
         if submits_often && in_order {
             builder.record(dispatch());
+            builder.apart(Command::Probe { task: 0, stamps: None });
         }
     }
     if in_order {

@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
+use super::speeds::Speeds;
 use crate::device::{DeviceFailure, GpuClock, GpuDevice};
 use crate::exec::messages::{Bytes, FrameJob, Pixels};
 use crate::exec::output::Output;
@@ -23,6 +24,7 @@ pub struct WorkerDevice {
     stamp_buffer: wgpu::Buffer,
     pub clock: GpuClock,
     pool: Pool,
+    pub speeds: Speeds,
     origin: Instant,
 }
 
@@ -49,7 +51,7 @@ impl WorkerDevice {
         let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
         let stamp_buffer = gpu.buffer("stamps", 2 * MOST_TIMED as u64 * 8, usage);
         let clock = GpuClock::of(&gpu);
-        Ok(Self { gpu, stages, queries, stamp_buffer, clock, pool: Pool::default(), origin })
+        Ok(Self { gpu, stages, queries, stamp_buffer, clock, pool: Pool::default(), speeds: Speeds::default(), origin })
     }
 
     /// Measures the offset of the device's clock. Call this directly before the first frame: the clocks may have

@@ -11,11 +11,13 @@ use crate::exec::output::Output;
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::graph::FrameGraph;
-use crate::plan::{Command, Commands, Share, Timed};
+use crate::plan::{Command, Commands, Share, Timed, Work};
+use crate::schedule::{Divisible, Position};
 use crate::stages::{DeviceStages, Recording};
 
 /// State of a frame on a worker until it is answered. Task numbers are indices among the device's tasks.
 pub struct Part {
+    ticket: u64,
     job: FrameJob,
     graph: Arc<FrameGraph>,
     commands: Arc<Commands>,
@@ -38,6 +40,8 @@ pub struct Part {
     stamps: Option<ReadBack>,
     last: Option<wgpu::SubmissionIndex>,
     times: Vec<TaskTime>,
+    /// Number of submissions of each task that the device divided itself.
+    probed: HashMap<usize, u32>,
     /// Readbacks of images in progress.
     images: Vec<[ReadBack; 2]>,
     shown_from: Option<Box<SampledPose>>,
@@ -45,22 +49,14 @@ pub struct Part {
 
 impl Part {
     pub fn new(ticket: u64, job: FrameJob, graphs: &Graphs, device: &WorkerDevice) -> Self {
-        let (begin_ms, graph) = (device.now_ms(), graphs.of(&job.plan));
-        let share = Share {
-            ticket,
-            device: device.gpu.info.index,
-            samples: job.constants.sampling.samples,
-            splits: &job.splits,
-            repeats: job.runs,
-            injected: job.injected,
-            asks: job.late.is_some(),
-        };
+        let (begin_ms, graph, index) = (device.now_ms(), graphs.of(&job.plan), device.gpu.info.index);
         Self {
+            ticket,
             begin_ms,
-            commands: Arc::new(Commands::new(&graph, &share)),
+            commands: Arc::new(Commands::new(&graph, &share_of(&job, ticket, index))),
             graph,
             job,
-            device: device.gpu.info.index,
+            device: index,
             end_ms: 0.0,
             submitted_ms: None,
             encoder: None,
@@ -71,6 +67,7 @@ impl Part {
             stamps: None,
             last: None,
             times: Vec::new(),
+            probed: HashMap::new(),
             images: Vec::new(),
             shown_from: None,
         }
@@ -86,13 +83,21 @@ impl Part {
         &self.commands
     }
 
-    /// Executes the command with this index. A [`Command::CopyIn`] is executed by [`Self::write`].
+    /// Executes the command with this index. A [`Command::CopyIn`] is executed by [`Self::write`]. Calls `beat` between
+    /// waits for the device.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device failed or took too long.
-    pub fn execute(&mut self, device: &mut WorkerDevice, at: usize) -> Result<(), DeviceFailure> {
+    pub fn execute(&mut self, device: &mut WorkerDevice, at: usize, beat: impl Fn()) -> Result<(), DeviceFailure> {
         let commands = Arc::clone(&self.commands);
         match &commands.list[at] {
+            &Command::Probe { task, stamps } => self.probe(device, task, stamps, beat),
+            command => self.perform(device, command),
+        }
+    }
+
+    fn perform(&mut self, device: &mut WorkerDevice, command: &Command) -> Result<(), DeviceFailure> {
+        match command {
             Command::Begin => device.begin(&self.job),
             Command::Clear(image) => self.record(device, |stages, to| stages.clear(to, image)),
             Command::Dispatch { pass, launches, begins, ends } => {
@@ -108,15 +113,56 @@ impl Part {
                 let copy = device.record_copy(self.encoder.get_or_insert_with(|| device.encoder()), rows, place);
                 self.copies.push((rows.task, *transfer, copy));
             }
-            Command::CopyIn { .. } => {}
+            Command::CopyIn { .. } | Command::Probe { .. } => {}
             Command::Stamps => {
                 let encoder = self.encoder.get_or_insert_with(|| device.encoder());
-                self.stamps_copy = Some(device.record_stamps(encoder, commands.timed.len()));
+                self.stamps_copy = Some(device.record_stamps(encoder, self.commands.timed.len()));
             }
             Command::Ask => self.ask(device)?,
             Command::Close => self.close(),
             Command::Submit(_) => self.submit(device),
             Command::Inject(kind) => device.inject(*kind),
+        }
+        Ok(())
+    }
+
+    /// Executes a task of unknown time in submissions that grow with what the device has timed.
+    ///
+    /// # Errors
+    /// [`DeviceFailure`] if the device failed or took too long.
+    fn probe(
+        &mut self,
+        device: &mut WorkerDevice,
+        task: usize,
+        stamps: Option<u32>,
+        beat: impl Fn(),
+    ) -> Result<(), DeviceFailure> {
+        let graph = Arc::clone(&self.graph);
+        let Some(work) = Work::of(&graph, &graph.parts_of(self.device).0[task]) else { return Ok(()) };
+        let (bound_ms, samples) = (self.job.splits.bound_ms, self.job.constants.sampling.samples);
+        let divisible = Divisible::new(work.program, work.pass, work.rows, samples);
+        let kernel = work.program.passes()[work.pass].pass.kernel.name;
+        let mut at = Position::start(work.rows);
+        while at < Position::END {
+            let to = device.speeds.reach(kernel, &divisible, at, bound_ms);
+            let paths = divisible.paths(&(at..to));
+            let is_timed = to < Position::END || device.speeds.is_new(kernel, paths);
+            if is_timed {
+                // The device must be idle, or the time would include other work.
+                device.gpu.wait(None)?;
+            }
+            let begin_ms = device.now_ms();
+            let commands = work.part(&(at..to), &share_of(&self.job, self.ticket, self.device), stamps);
+            commands.iter().try_for_each(|command| self.perform(device, command))?;
+            self.close();
+            self.submit(device);
+            *self.probed.entry(task).or_default() += 1;
+            beat();
+            if is_timed {
+                device.gpu.wait(None)?;
+                device.speeds.learn(kernel, paths, device.now_ms() - begin_ms);
+            }
+            at = to;
         }
         Ok(())
     }
@@ -218,6 +264,7 @@ impl Part {
             let bracket_ms = self.submitted_ms.unwrap_or(self.begin_ms)..self.end_ms;
             let times = device.times(back, &bracket_ms)?;
             for (&Timed { task, submissions }, [begin_ms, end_ms]) in self.commands.timed.iter().zip(times) {
+                let submissions = self.probed.get(&task).copied().unwrap_or(submissions);
                 self.times.push(TaskTime { task, begin_ms, end_ms, bytes: None, submissions });
             }
         }
@@ -245,5 +292,18 @@ impl Part {
         let is_primary = self.device == self.graph.primary;
         let buffers = if is_primary { device.buffers(&self.graph.program, self.job.place) } else { Vec::new() };
         Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers }))
+    }
+}
+
+/// Returns what a device contributes to a frame.
+fn share_of(job: &FrameJob, ticket: u64, device: usize) -> Share<'_> {
+    Share {
+        ticket,
+        device,
+        samples: job.constants.sampling.samples,
+        splits: &job.splits,
+        repeats: job.runs,
+        injected: job.injected,
+        asks: job.late.is_some(),
     }
 }

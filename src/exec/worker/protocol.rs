@@ -224,8 +224,8 @@ impl<B> Protocol<B> {
         match command {
             &Command::CopyIn { transfer, .. } => return self.receive(ticket, at, transfer),
             Command::Submit(_) if self.submit_blocks && !self.outgoing.is_empty() => return self.send(),
-            // Send outgoing rows before waiting for the pose, so that other workers need not wait meanwhile.
-            Command::Ask if !self.outgoing.is_empty() => return self.send(),
+            // Send outgoing rows before waiting for the device, so that other workers need not wait meanwhile.
+            Command::Ask | Command::Probe { .. } if !self.outgoing.is_empty() => return self.send(),
             Command::Submit(copies) => {
                 self.outgoing.extend(copies);
                 self.at = At::Oldest { waits: false };

@@ -46,6 +46,7 @@ fn write_command(out: &mut String, command: &Command, program: &Program) -> fmt:
                 copies.iter().map(|Outgoing { transfer, to, .. }| format!(" #{transfer} to {to}")).collect();
             writeln!(out, "submit{}", copies.join(","))
         }
+        Command::Probe { task, .. } => writeln!(out, "probe task {task}"),
         Command::Inject(kind) => writeln!(out, "inject {}", kind.name()),
     }
 }
