@@ -13,7 +13,7 @@ fn steps_at(pixel: vec2<u32>) -> Footprint {
     return Footprint(ray_of(pass_.view, at + vec2<f32>(1.0, 0.0)) - ahead, ray_of(pass_.view, at + vec2<f32>(0.0, 1.0)) - ahead);
 }
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(8, 4)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
     if is_outside(pixel) {

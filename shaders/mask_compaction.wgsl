@@ -33,7 +33,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
     if lane == 0u {
         let count = atomicLoad(&wanted_here);
         first_slot = atomicAdd(&holes[0], count);
-        atomicMax(&holes[1], min((first_slot + count + 63u) / 64u, 65535u));
+        atomicMax(&holes[1], min((first_slot + count + LIST_GROUP - 1u) / LIST_GROUP, 65535u));
     }
     let first = workgroupUniformLoad(&first_slot);
     if wanted {

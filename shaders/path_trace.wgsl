@@ -8,9 +8,7 @@
 // `holes` holds the number of listed pixels, then the three workgroup counts of the indirect dispatch, then the indices
 // of the pixels.
 
-const LANES: u32 = 64u;
-
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(8, 4)
 fn main(
     @builtin(global_invocation_id) id: vec3<u32>,
     @builtin(workgroup_id) group: vec3<u32>,
@@ -22,10 +20,10 @@ fn main(
     var i = 0u;
     var end = select(1u, 0u, is_outside(pixel));
     if listed_only {
-        i = group.x * LANES + lane;
+        i = group.x * LIST_GROUP + lane;
         end = holes[0];
     }
-    for (; i < end; i += groups.x * LANES) {
+    for (; i < end; i += groups.x * LIST_GROUP) {
         if listed_only {
             let at = holes[LIST_HEADER + i];
             pixel = vec2<u32>(at % pass_.width, at / pass_.width);

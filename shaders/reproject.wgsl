@@ -23,7 +23,7 @@ fn open_hole(at: u32, why: u32, wanted: bool) {
     tally_image[at] |= why << 28u;
     let slot = atomicAdd(&holes[0], 1u);
     atomicStore(&holes[LIST_HEADER + slot], at);
-    if slot % 64u == 0u && slot / 64u < 65535u {
+    if slot % LIST_GROUP == 0u && slot / LIST_GROUP < 65535u {
         atomicAdd(&holes[1], 1u);
     }
 }

@@ -151,7 +151,7 @@ fn light_of(path: Retraced, is_probe: bool) -> SplitLight {
     return unpack_sampled(packed);
 }
 
-@compute @workgroup_size(8, 8)
+@compute @workgroup_size(8, 4)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let tile = vec2<u32>(id.x, pass_.row_begin + id.y);
     if tile.x >= pass_.width || tile.y >= pass_.row_end {

@@ -75,6 +75,8 @@ impl Format {
 
 /// Length of the header of a [`Format::List`], in 4-byte words.
 pub const LIST_HEADER: u32 = 4;
+/// Number of a list's pixels for each workgroup of its dispatch.
+pub const LIST_GROUP: u32 = 32;
 
 /// Number of instances of a resource, or of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -10,7 +10,7 @@ use glam::{UVec3, Vec2, Vec3, Vec4};
 pub use self::tables::*;
 use self::tables::{ROLES, TABLES};
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
-use crate::graph::LIST_HEADER;
+use crate::graph::{LIST_GROUP, LIST_HEADER};
 use crate::image::tone::{TONE_ACES, TONE_AGX, TONE_NEUTRAL, TONE_NONE};
 use crate::passes::SKIPPED;
 use crate::plan::commands;
@@ -231,7 +231,7 @@ pub fn readers() -> String {
 pub fn declarations() -> String {
     let structs: String = all_structs().iter().map(ToString::to_string).collect();
     let of_others =
-        constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA, TONE_NEUTRAL, TONE_AGX, TONE_ACES, TONE_NONE];
+        constants![SKIPPED, LIST_HEADER, LIST_GROUP, SPHERE, TRIANGLE_ALPHA, TONE_NEUTRAL, TONE_AGX, TONE_ACES, TONE_NONE];
     let constants =
         [CONSTANTS, samples::CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
     let floats = [("SMOOTH", SMOOTH), ("LEAST_SHEEN_ROUGHNESS", LEAST_SHEEN_ROUGHNESS)];

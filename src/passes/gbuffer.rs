@@ -38,7 +38,7 @@ arguments! {
     }
 }
 
-const KERNEL: Kernel = Kernel::with_scene("gbuffer");
+const KERNEL: Kernel = Kernel::tracing_rays("gbuffer");
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     // In jittered frames, albedo and emission are averaged over the samples of a pixel. Path tracing writes these means

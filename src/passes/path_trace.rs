@@ -30,7 +30,7 @@ arguments! {
 }
 
 /// Kernel that both stages share, since drivers take seconds to compile it.
-const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![RECORD_SEGMENT, RECORD_WORDS]);
+const KERNEL: Kernel = Kernel::tracing_rays("path_trace").with(constants![RECORD_SEGMENT, RECORD_WORDS]);
 
 fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {

@@ -46,9 +46,9 @@ FIGURE = re.compile(r"([A-Z][A-Za-z -]*): (\d+)\s*$")
 
 
 def waves(chip, figures, invocations, traces):
-    """Waves that a SIMD holds at once, by registers and by LDS. RADV 25 runs kernels with ray queries in waves of 32
-    lanes and others in waves of 64, of which a SIMD holds half as many in the same registers."""
-    lanes = 32 if traces else 64
+    """Waves that a SIMD holds at once, by registers and by LDS. RADV 25 runs kernels with ray queries and those of small
+    workgroups in waves of 32 lanes and others in waves of 64, of which a SIMD holds half as many in the same registers."""
+    lanes = 32 if traces or invocations <= 32 else 64
     total, grain = (number * 32 // lanes for number in REGISTERS[chip])
     registers = -(-max(figures["registers"], 1) // grain) * grain
     by_registers = min(total // registers, WAVES_PER_SIMD)

@@ -33,7 +33,7 @@ arguments! {
     }
 }
 
-const TRACE: Kernel = Kernel::with_scene("gradient").with(constants![TILE]);
+const TRACE: Kernel = Kernel::tracing_rays("gradient").with(constants![TILE]);
 const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 
 /// Two values for the retraced pixel of each tile: its luminance minus that in the previous frame, and the larger of

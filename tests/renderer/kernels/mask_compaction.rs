@@ -6,7 +6,7 @@ use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, MIXED, NO_NORMAL};
 
 /// Number of pixels that one workgroup of the list's dispatch traces.
-const GROUP: u32 = 64;
+const GROUP: u32 = diptych::graph::LIST_GROUP;
 
 /// Returns an empty list of holes: its length, the three sizes of the dispatch over it, and room for `area` pixels.
 pub fn empty_list(area: usize) -> Vec<u32> {
@@ -121,7 +121,7 @@ fn mask_lists_the_fraction_in_every_aligned_block() {
 
 #[test]
 fn pixels_are_dispatched_in_whole_groups() {
-    for count in [1, 64, 65, 128, 129] {
+    for count in [1, 32, 33, 64, 65] {
         let constants = Constants::new(count, 1);
         let (zero, tally) = (vec![[0; 4]; count as usize], vec![0; count as usize]);
         let stripe = Stripe { rows: 0..1, valid: 0..1 };

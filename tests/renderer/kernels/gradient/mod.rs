@@ -111,7 +111,7 @@ impl Frames {
         ];
         let overrides = [("SOBOL", true), ("HAS_GLOSS", self.format.gloss), ("HAS_MOTION", true)];
         let kernel = Kernel::with_scene("gradient", &overrides, &self.subject);
-        kernel.run_frame(&frame, pass, [1, 1], &buffers).get(output)
+        kernel.run_rows(&frame, pass, &buffers).get(output)
     }
 
     /// Returns the radiance image of paths with these settings.

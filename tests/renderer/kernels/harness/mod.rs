@@ -21,9 +21,6 @@ use self::reflect::{Binding, Kind, assert_same_names, binding, layout_entry};
 use super::camera::Constants;
 use crate::common::{self, Subject};
 
-/// Edge of most kernels' workgroups.
-const TILE: u32 = 8;
-
 #[derive(Clone)]
 struct Compiled {
     pipeline: wgpu::ComputePipeline,
@@ -106,7 +103,14 @@ impl Kernel {
     /// Dispatches `columns` invocations for every row of the stripe that `pass` names. The pass's grid is the frame.
     pub fn run(&self, constants: &Constants, pass: PassConstants, columns: u32, buffers: &[(&str, Buffer)]) -> Outputs {
         let rows = pass.row_end - pass.row_begin;
-        self.run_groups(constants, pass, [columns.div_ceil(TILE), rows.div_ceil(TILE)], buffers)
+        self.run_groups(constants, pass, self.groups([columns, rows]), buffers)
+    }
+
+    /// Returns the workgroups that cover these columns and rows.
+    fn groups(&self, extent: [u32; 2]) -> [u32; 2] {
+        let (_, size) = self.source.rsplit_once("@workgroup_size(").expect("a kernel has workgroups");
+        let mut edges = size.split([',', ')']).map(|edge| edge.trim().parse().expect("a number"));
+        extent.map(|length| length.div_ceil(edges.next().expect("a kernel of columns and rows")))
     }
 
     /// Dispatches workgroups for the stripe that `pass` names.
@@ -128,7 +132,7 @@ impl Kernel {
 
     /// Dispatches an invocation for each pixel of the rows that `pass` names.
     pub fn run_rows(&self, frame: &Frame, pass: PassConstants, buffers: &[(&str, Buffer)]) -> Outputs {
-        let groups = [pass.width, pass.row_end - pass.row_begin].map(|length| length.div_ceil(TILE));
+        let groups = self.groups([pass.width, pass.row_end - pass.row_begin]);
         self.run_frame(frame, pass, groups, buffers)
     }
 
