@@ -151,7 +151,7 @@ fn of_policies(flags: &RenderFlags) -> Result<Vec<RenderOptions>, Failure> {
         let mut one = flags.clone();
         one.run.settings.balance = vec![*policy];
         if *policy != Balance::Static && policies.contains(&Balance::Static) {
-            one.run.settings.ratios.clear();
+            one.run.settings.unset("ratios").map_err(|error| Failure::Input(error.into()))?;
         }
         one.options().map_err(Failure::Input)
     };

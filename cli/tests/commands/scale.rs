@@ -89,6 +89,18 @@ fn options_per_device_spare_the_run_on_one_device() {
     assert!(*rows[0] == serde_json::json!([32]) && *rows[9] == serde_json::json!([21, 11]), "{rows:?}");
 }
 
+/// Ratios are those of the policy static alone.
+#[test]
+fn static_rows_have_ratios_beside_other_policies() {
+    let folder = Folder::new();
+    let result = scale(&folder, "--counts 2 --balance even,static --ratios 2,1");
+    let policies: Vec<_> = result["rows"].as_array().unwrap().iter().map(|row| &row["policy"]).collect();
+    assert_eq!(policies, ["even", "even", "static"]);
+    let run = folder.json("run.json");
+    let rows: Vec<&Value> = run["frames"].as_array().unwrap().iter().map(|frame| &frame["stripes"]).collect();
+    assert!(*rows[9] == serde_json::json!([16, 16]) && *rows[14] == serde_json::json!([21, 11]), "{rows:?}");
+}
+
 #[test]
 fn page_of_scale_is_complete() {
     let run = run("scale");

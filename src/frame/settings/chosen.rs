@@ -46,6 +46,16 @@ impl Chosen {
         Ok(())
     }
 
+    /// Resets a setting to its default, as if it had not been given.
+    ///
+    /// # Errors
+    /// [`SettingError::Unknown`] without such a setting.
+    pub fn unset(&mut self, key: &str) -> Result<(), SettingError> {
+        self.set(key, &find(key)?.default())?;
+        self.given.retain(|given| *given != key);
+        Ok(())
+    }
+
     /// Gives a setting a value in the form `KEY=VALUE`.
     ///
     /// # Errors
@@ -165,6 +175,8 @@ mod tests {
             chosen.set(setting.key, &setting.default()).unwrap();
             assert_eq!(*chosen, Settings::default(), "{}", setting.key);
             assert!(chosen.is_given(setting.key));
+            chosen.unset(setting.key).unwrap();
+            assert!(*chosen == Settings::default() && chosen.given().is_empty(), "{}", setting.key);
         }
     }
 
