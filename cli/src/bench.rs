@@ -8,8 +8,6 @@ pub mod judge;
 mod page;
 pub mod reference;
 
-use std::path::PathBuf;
-
 use anyhow::{Context, ensure};
 
 use crate::report::Table;
@@ -128,16 +126,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// Returns a hash of everything that a setting's time and errors depend on, except the reference and the setting
 /// itself.
 fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<String, Failure> {
-    let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
+    let Args { virtual_devices, repeats, warm_up, options, .. } = args;
+    let mut settings = options.settings.json();
+    settings.retain(|key, _| !["fresh", "peers", "time_limit"].contains(&key.as_str()));
+    let (shot, settings) = (&options.shot, serde_json::Value::from(settings));
     let plan = Wanted::of_grid(args)?.plan()?;
     let seen = plan.fingerprint(loaded, 0).key();
     let shaders = all_shader_text(SceneAccess { traversal: plan.traversal(), ..Default::default() });
-    let Args { virtual_devices, repeats, warm_up, .. } = args;
-    let by_kind = args.options.settings.by_kind;
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);
     let all = format!(
-        "{quiet:?} {virtual_devices} {repeats} {warm_up} {by_kind} rivalry {seen} {shown} {devices:?} {ERROR} {shaders}"
+        "{shot} {settings} {virtual_devices} {repeats} {warm_up} rivalry {seen} {shown} {devices:?} {ERROR} {shaders}"
     );
     Ok(hash_of(all.as_bytes()))
 }

@@ -113,7 +113,7 @@ fn count(events: &[Value], name: &str) -> usize {
 fn killed_bench_resumes_with_the_same_files() {
     let folder = Folder::new();
     let options = "--size 32x18 --quick --repeats 2 --reference-spp 32";
-    let line = format!("bench builtin:cornell --json --out ./bench {options}");
+    let line = format!("bench builtin:cornell --json --out ./bench {options} --set fresh=on");
     let mut killed = folder.start(&line, Stdio::piped());
     let mut lines = BufReader::new(killed.stdout.take().unwrap()).lines();
     let first = lines.find_map(|l| Some(l.unwrap()).filter(|l| l.contains(r#""event":"setting""#))).unwrap();
@@ -140,6 +140,9 @@ fn killed_bench_resumes_with_the_same_files() {
     let events = bench(&folder, options);
     assert_eq!((count(&events, "setting"), count(&events, "frame")), (0, 0));
     assert_eq!(results(&folder), done);
+    folder.write("peers.toml", "[[peer]]\nname = 'a'\ntime_ms = 1.0\nflip = 0.1");
+    let events = bench(&folder, &format!("{options} --report --set peers=./peers.toml --set time_limit=500"));
+    assert_eq!(count(&events, "setting"), 0);
 
     // Different settings do not count as measured, and fresh ignores earlier results.
     for (more, measured) in [("--set seed=3 --bounces 6", 1), ("--set fresh=on", 2)] {
