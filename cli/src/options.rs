@@ -5,14 +5,15 @@ use std::io::Read;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::Parser;
 
 use crate::report::once;
 use diptych::passes::Aov;
-use diptych::quality::{Envelope, Quality};
+use diptych::quality::{Envelope, Quality, SettingError};
 use diptych::samples::Samples;
 use diptych::scene::shot::{self, Gaze};
+use diptych::schedule::Balance;
 
 use super::disturbances;
 use super::failure::Failure;
@@ -112,8 +113,10 @@ impl RunOptions {
 
     /// Checks constraints that clap cannot express.
     pub fn check(&self) -> Result<(), anyhow::Error> {
-        let policies = self.settings.balances().len();
-        anyhow::ensure!(policies == 1, "balance: give one policy; `diptych scale` compares several");
+        let policies = self.settings.balances();
+        ensure!(policies.len() == 1, "balance: give one policy; `diptych scale` compares several");
+        let has_effect = self.settings.ratios.is_empty() || policies == [Balance::Static];
+        ensure!(has_effect, SettingError::NoEffect { key: "ratios", needs: "balance=static" });
         Ok((**self.settings).check()?)
     }
 }
@@ -132,7 +135,7 @@ impl RenderFlags {
     /// Checks the flags and returns the options that they ask for.
     pub fn options(&self) -> Result<RenderOptions, anyhow::Error> {
         let settings = &self.run.settings;
-        anyhow::ensure!(
+        ensure!(
             settings.spp.least <= MAX_FRAME_SPP,
             "spp {} exceeds the limit of {MAX_FRAME_SPP} per frame: `diptych render --reference` accumulates more",
             settings.spp

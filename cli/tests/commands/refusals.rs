@@ -158,6 +158,7 @@ fn rejects_invalid_options_of_studies() {
     study leria builtin:cornell --set devices=0 --out ./out => two devices | --virtual 2
     study leria --repeats 3 --out ./out => study leria | --repeats
     study leria --virtual 2 --set ratios=1,2 --out ./out => --simulate | ratios
+    study {leria seams} --set balance=even --set ratios=1,2 --out ./out => ratios | balance=static
     study leria --set denoiser=svgf --out ./out => study leria | denoiser
     study leria --set reproject=off --out ./out => study leria | reproject
     study bmfr builtin:cornell --shots builtin:checker --out ./out => SHOT | --shots
