@@ -33,6 +33,10 @@ use status::ViewStatus;
 use window::{App, Wake};
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    if args.options.run.settings.controller.len() > 1 {
+        let what = "controller: give one name; `diptych play` compares several";
+        return Err(Failure::Input(anyhow!(what)));
+    }
     if args.xr {
         return into_headset(args);
     }

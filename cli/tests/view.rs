@@ -290,6 +290,15 @@ fn free_camera_finds_the_history_of_one_on_a_path() {
     }
 }
 
+#[test]
+fn rejects_several_controllers_in_a_view() {
+    let table = "
+    view --set controller=pid,vlachos => controller | diptych play
+    view --xr --set controller=pid,vlachos => controller | diptych play
+    ";
+    Folder::new().refuses(2, "", table);
+}
+
 #[cfg(target_os = "linux")]
 #[test]
 fn rejects_view_without_a_display() {
