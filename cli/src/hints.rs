@@ -63,9 +63,9 @@ fn options(error: &(dyn Error + 'static)) -> Option<&'static str> {
 }
 
 /// Option that chooses another adapter.
-pub const ADAPTER: &str = "--devices";
+pub const ADAPTER: &str = "--set devices=N";
 const MEMORY: &str = "--set max_scene_memory=SIZE";
-const TRAVERSAL_OR_ADAPTER: &str = "--set traversal=compute, --devices";
+const TRAVERSAL_OR_ADAPTER: &str = "--set traversal=compute, --set devices=N";
 
 /// Returns the inner error of a `#[error(transparent)]` variant. Such a variant returns the cause of the inner error as
 /// its own, so the chain of causes never contains the inner error.
@@ -95,7 +95,7 @@ fn inner<'a>(error: &'a (dyn Error + 'static)) -> Option<&'a (dyn Error + 'stati
 
 fn of_limit(remedy: Remedy) -> &'static str {
     match remedy {
-        Remedy::SmallerSize => "--size, --devices",
+        Remedy::SmallerSize => "--size, --set devices=N",
         Remedy::ComputeTraversal => TRAVERSAL_OR_ADAPTER,
         Remedy::FewerTriangles | Remedy::SmallerTextures | Remedy::SmallerEnvironment | Remedy::SmallerPass => ADAPTER,
     }

@@ -242,7 +242,7 @@ fn rejects_hardware_traversal_without_ray_queries() {
         return;
     };
     let command = format!("{RENDER} --set traversal=hardware --devices {}", unable.index);
-    let parts = format!("no ray queries | {} | --set traversal=compute | --devices", unable.name);
+    let parts = format!("no ray queries | {} | --set traversal=compute | --set devices=N", unable.name);
     Folder::new().refuses(2, "", &format!("{command} => {parts}\n{command} --reference => {parts}"));
 }
 
