@@ -13,19 +13,18 @@ use diptych::control::{Budget, Control, Decision, Predict};
 use diptych::frame::Disturbance;
 use diptych::frame::settings::{Group, Setting, Settings};
 
-/// Options on which images depend.
-const OPTIONS: [&str; 2] = ["shot", "motion"];
 /// Settings that decide how a scene is read, or that the recorded run and its ladder determine.
 const OTHERS: [&str; 7] =
     ["fps", "max_scene_memory", "scene_cache", "allow_outside", "strict", "denoiser", "iterations"];
 
-/// Returns the names of options and settings on which images depend, and which the ladder does not contain.
+/// Returns the names of the shot and of settings on which images depend, and which the ladder does not contain.
 fn of_images() -> impl Iterator<Item = &'static str> {
     let is_of_images = |setting: &&Setting| {
         let is_of_group = matches!(setting.group, Group::Scene | Group::Picture | Group::Quality);
         (is_of_group || setting.key == "seam") && setting.is_of("play") && !OTHERS.contains(&setting.key)
     };
-    OPTIONS.into_iter().chain(Settings::TABLE.iter().filter(is_of_images).map(|setting| setting.key))
+    let settings = Settings::TABLE.iter().filter(is_of_images);
+    std::iter::once("shot").chain(settings.map(|setting| setting.key))
 }
 
 /// The decisions of an earlier run.
@@ -64,9 +63,13 @@ impl Replay {
 
     fn of_file(args: &Args, path: &Path) -> Result<(Self, Args), Error> {
         let text = std::fs::read_to_string(path)?;
-        let Recorded { settings, play, frames } =
+        let Recorded { mut settings, play, frames } =
             serde_json::from_str(&text).context("it is no run.json of `diptych play`")?;
         ensure!(!frames.is_empty(), "it has no frames");
+        // Earlier versions wrote null for some settings at their defaults.
+        for (key, value) in settings.iter_mut().filter(|(_, value)| value.is_null()) {
+            *value = Setting::of_key(key).map_or(Value::Null, |setting| setting.json(&Settings::default()));
+        }
         let mut again = args.clone();
         again.frames = frames.len().try_into().context("it has too many frames")?;
         again.options.run.settings.keep_going = true;
