@@ -313,6 +313,9 @@ mod tests {
             ("denoiser=none", CONTACT_SHEET, false),
             ("traversal=compute", CONTACT_SHEET, true),
             ("spp=9", "play", false),
+            ("disturb=loss:dev0@1", "bench", false),
+            ("disturb=loss:dev0@1", "study", false),
+            ("slowdown=2", "bench", true),
             ("spp=9", "render", true),
         ] {
             let mut chosen = Chosen::default();

@@ -260,7 +260,7 @@ table::settings! {
         /// Write KIND:devI@FRAME for a fault of device I. KIND is loss, hang, oom (out of memory) or slow, which runs each
         /// dispatch twice; slow:devI@FROM..TO lasts until before frame TO. scene-cut@FRAME makes the camera of `play` jump.
         /// Give several disturbances in a list.
-        disturb: Vec<Disturbance> = Vec::new(), of RUNS;
+        disturb: Vec<Disturbance> = Vec::new(), of &["render", "play", "view", "scale"];
     }
 }
 
