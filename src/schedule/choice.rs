@@ -1,6 +1,7 @@
 //! Load-balancing policies by name: the built-in ones and those that the program registers.
 
-use std::sync::{Arc, PoisonError, RwLock};
+use std::fmt;
+use std::sync::{PoisonError, RwLock};
 
 use super::{Even, Heft, Measured, Policy, RatioRule, Static};
 use crate::graph::StripesError;
@@ -12,8 +13,7 @@ pub enum Balance {
     Static,
     Measured,
     Heft,
-    /// A policy that the program has registered under this name.
-    Registered(&'static str),
+    Registered(&'static Registered),
 }
 
 /// Built-in policies with their names and help texts.
@@ -26,23 +26,33 @@ const BUILT_IN: [(Balance, &str, &str); 4] = [
 
 type Make = dyn Fn(u32, usize) -> Box<dyn Policy> + Send + Sync;
 
-/// A policy that the program has registered.
-#[derive(Clone)]
-struct Registered {
+/// A policy that the program has registered with [`Balance::register`].
+pub struct Registered {
     name: &'static str,
     help: &'static str,
-    make: Arc<Make>,
+    make: Box<Make>,
 }
 
-static REGISTERED: RwLock<Vec<Registered>> = RwLock::new(Vec::new());
-
-fn registered() -> Vec<Registered> {
-    REGISTERED.read().unwrap_or_else(PoisonError::into_inner).clone()
+impl fmt::Debug for Registered {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name)
+    }
 }
+
+/// No two policies have the same name.
+impl PartialEq for Registered {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl Eq for Registered {}
+
+static REGISTERED: RwLock<Vec<&'static Registered>> = RwLock::new(Vec::new());
 
 impl Balance {
-    /// Registers a policy, so that [`Self::from_name`] finds it. `make` constructs it for the rows of an image and a number
-    /// of devices.
+    /// Registers a policy, so that [`Self::from_name`] finds it. `make` constructs it for the rows of an image and a
+    /// number of devices.
     ///
     /// # Errors
     /// A message if the name is taken.
@@ -54,30 +64,27 @@ impl Balance {
         if Self::from_name(name).is_some() {
             return Err(format!("there is a policy {name} already"));
         }
-        let make: Arc<Make> = Arc::new(make);
-        REGISTERED.write().unwrap_or_else(PoisonError::into_inner).push(Registered { name, help, make });
-        Ok(Self::Registered(name))
+        let policy: &Registered = Box::leak(Box::new(Registered { name, help, make: Box::new(make) }));
+        REGISTERED.write().unwrap_or_else(PoisonError::into_inner).push(policy);
+        Ok(Self::Registered(policy))
     }
 
-    /// Returns all names of policies with their help texts.
-    pub fn names() -> Vec<(&'static str, &'static str)> {
-        let built_in = BUILT_IN.map(|(_, name, help)| (name, help)).into_iter();
-        built_in.chain(registered().into_iter().map(|policy| (policy.name, policy.help))).collect()
+    /// Returns all policies with their names and help texts: the built-in ones, then the registered ones.
+    pub fn all() -> Vec<(Self, &'static str, &'static str)> {
+        let registered = REGISTERED.read().unwrap_or_else(PoisonError::into_inner);
+        let registered = registered.iter().map(|policy| (Self::Registered(policy), policy.name, policy.help));
+        BUILT_IN.into_iter().chain(registered).collect()
     }
 
     /// Returns the policy with this name.
     pub fn from_name(name: &str) -> Option<Self> {
-        let built_in = BUILT_IN.iter().find(|(_, own, _)| *own == name).map(|(balance, ..)| *balance);
-        built_in.or_else(|| registered().iter().find(|p| p.name == name).map(|p| Self::Registered(p.name)))
+        Self::all().into_iter().find(|(_, own, _)| *own == name).map(|(balance, ..)| balance)
     }
 
     pub fn name(self) -> &'static str {
         match self {
-            Self::Even => "even",
-            Self::Static => "static",
-            Self::Measured => "measured",
-            Self::Heft => "heft",
-            Self::Registered(name) => name,
+            Self::Registered(policy) => policy.name,
+            _ => BUILT_IN.iter().find(|(balance, ..)| *balance == self).map_or("", |(_, name, _)| name),
         }
     }
 
@@ -86,13 +93,12 @@ impl Balance {
     /// # Errors
     /// [`StripesError`] if `static` has no stripes for these ratios.
     pub fn policy(self, rows: u32, devices: usize, ratios: &[RatioRule]) -> Result<Box<dyn Policy>, StripesError> {
-        let make = |name| registered().into_iter().find(|policy| policy.name == name).map(|policy| policy.make);
         Ok(match self {
             Self::Even => Box::new(Even::new(rows, devices)),
             Self::Static => Box::new(Static::new(rows, devices, ratios)?),
             Self::Measured => Box::new(Measured::new(rows, devices)),
             Self::Heft => Box::new(Heft::new(rows, devices)),
-            Self::Registered(name) => make(name).expect("policies are never removed")(rows, devices),
+            Self::Registered(policy) => (policy.make)(rows, devices),
         })
     }
 }
@@ -110,5 +116,14 @@ mod tests {
             }
         }
         assert_eq!(Balance::from_name("fair"), None);
+    }
+
+    #[test]
+    fn registered_policies_are_found_by_their_names() {
+        let make = |rows, devices| -> Box<dyn Policy> { Box::new(Even::new(rows, devices)) };
+        let halves = Balance::register("halves", "", make).unwrap();
+        assert_eq!((halves.name(), Balance::from_name("halves")), ("halves", Some(halves)));
+        assert!(halves != Balance::Even && halves.policy(8, 2, &[]).is_ok());
+        assert!(["even", "halves"].into_iter().all(|name| Balance::register(name, "", make).is_err()));
     }
 }

@@ -93,7 +93,7 @@ impl Value for Balance {
     const LIST_FORM: &'static str = "NAME";
 
     fn words() -> Vec<Word> {
-        Self::names().into_iter().map(|(name, help)| (name, Some(help))).collect()
+        Self::all().into_iter().map(|(_, name, help)| (name, Some(help))).collect()
     }
 
     fn parse(text: &str) -> Result<Self, String> {
