@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ("--record-motion", options.record_motion.is_some()),
     ];
     match alone.into_iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => Err(Failure::Input(SettingError::Conflict(option, "controller").into())),
+        Some((option, _)) => Err(Failure::Input(SettingError::Conflict(option, "several controllers").into())),
         None => comparison::run(args),
     }
 }
