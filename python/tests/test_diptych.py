@@ -263,9 +263,10 @@ def test_mistakes_are_exceptions_with_the_texts_of_the_command_line(scene, call,
 def test_options_take_the_types_of_python(scene):
     assert dp.Renderer(scene, size=SIZE, aov=[]).render().aovs == []
     options = {"foveation": "layers", "gaze": np.array([0.5, 0.5]), "iterations": (2, 2, 2), "clamp": None}
-    renderer = dp.Renderer(scene, size=SIZE, reproject=False, **options)
+    renderer = dp.Renderer(scene, size=SIZE, reproject=np.False_, **options)
     assert "from_left" not in renderer.render().report
-    assert dp.load("builtin:cornell", exposure=-1, strict="off").info["name"] == "cornell"
+    for strict in (True, 1, "off"):
+        assert dp.load("builtin:cornell", exposure=-1, strict=strict).info["name"] == "cornell"
 
 
 def test_threads_may_share_a_renderer(renderer):

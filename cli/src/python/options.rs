@@ -89,12 +89,15 @@ pub fn given(keywords: Option<&Bound<'_, PyDict>>, scope: Scope) -> PyResult<Vec
     Ok(given)
 }
 
-/// Returns the text of a value: `on` or `off` for a truth value, and the items of a sequence with separators between them.
+/// Returns the text of a value: `on` or `off` for a truth value and for any value of a switch, and the items of a
+/// sequence with separators between them.
 fn text(value: &Bound<'_, PyAny>, setting: Option<&Setting>) -> PyResult<String> {
-    if let Ok(truth) = value.cast::<PyBool>() {
-        return Ok(if truth.is_true() { "on" } else { "off" }.to_owned());
+    let is_text = value.is_instance_of::<PyString>();
+    let is_switch = setting.is_some_and(|setting| (setting.words)().iter().any(|(word, _)| *word == "on"));
+    if !is_text && (is_switch || value.is_instance_of::<PyBool>()) {
+        return Ok(if value.is_truthy()? { "on" } else { "off" }.to_owned());
     }
-    if value.is_instance_of::<PyString>() || !value.hasattr("__len__")? {
+    if is_text || !value.hasattr("__len__")? {
         return Ok(value.str()?.to_string());
     }
     let items = value.try_iter()?.collect::<PyResult<Vec<_>>>()?;
@@ -109,8 +112,8 @@ fn text(value: &Bound<'_, PyAny>, setting: Option<&Setting>) -> PyResult<String>
 }
 
 impl Options {
-    /// Returns the options of a renderer of the scene `shot`, and takes over settings of the shot, whose `text` is there
-    /// if it is no file.
+    /// Returns the options of a renderer of the scene `shot`, and takes over settings of the shot, whose `text` is
+    /// there if it is no file.
     ///
     /// # Errors
     /// `ValueError` if a value is invalid or settings conflict.
