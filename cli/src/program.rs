@@ -10,9 +10,9 @@ use super::commands::run_from;
 use super::console::Console;
 use super::registry::register;
 
-/// The commands of `diptych`, with your own policies, denoisers and passes. `--balance` selects a registered policy by
-/// its name in every command that renders. `scale --balance even,measured,NAME` compares it with built-in ones in one
-/// table.
+/// The commands of `diptych`, with your own policies, denoisers and passes. The setting `balance` selects a registered
+/// policy by its name in every command that renders. `scale --balance even,measured,NAME` compares it with built-in
+/// ones in one table.
 ///
 /// ```no_run
 /// use diptych_cli::{Program, prepare_environment};
@@ -52,8 +52,8 @@ impl Program {
         Self::default()
     }
 
-    /// Registers a policy, which `--balance NAME` selects. Each renderer calls `make` with the rows of an image and the
-    /// number of devices. `--help` shows `help`.
+    /// Registers a policy, which the setting `balance` selects. Each renderer calls `make` with the rows of an image
+    /// and the number of devices. `--help` shows `help`.
     ///
     /// # Panics
     /// If a policy has this name already.

@@ -142,7 +142,7 @@ pub struct FrameRow {
     /// Indices of the filter passes before which devices exchange halos.
     pub halo_exchanges: Vec<usize>,
     pub stages: Vec<StageSum>,
-    /// Tasks, with times since the start of the frame. Only present with `--also details`.
+    /// Tasks, with times since the start of the frame. Only with `--also details` or, in `play`, `details=on`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tasks: Vec<TaskTiming>,
     /// Decision of the control loop, for frames with a time budget.
