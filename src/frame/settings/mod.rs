@@ -142,7 +142,7 @@ table::settings! {
         /// A device is silent while its worker shows no progress. The default follows from the times of past frames; it
         /// is at least 10 s, or 0.6 s in play and view.
         watchdog_ms: Option<u32> = None, of RUNS;
-        /// Auxiliary images (AOVs) to write, such as albedo,normal
+        /// Auxiliary images (AOVs) of frames, such as albedo,normal
         aov: Vec<Aov> = Vec::new(), of &["render", "scale", "graph"];
     }
     Picture {
