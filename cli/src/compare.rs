@@ -70,8 +70,8 @@ pub struct Args {
     /// it needs the auxiliary images of --by kind. rivalry.png is the difference between the errors of the two eyes. It
     /// needs the auxiliary images position and normal in either folder: render with --aov position,normal. With
     /// shown_position,shown_normal,virtual_position as well, what mirrors and glass show is matched, not the mirrors
-    /// themselves. Surfaces that the right eye does not show are grey. Maps of several images are in the folders 1, 2, …
-    /// of DIR.
+    /// themselves. Surfaces that the right eye does not show are grey. Maps of several images are in the folders
+    /// 1, 2, … of DIR.
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
     /// Print JSON, a line per image

@@ -17,7 +17,8 @@ impl FaultLog {
     pub fn say_new(&mut self, renderer: &Renderer, tracing: &Tracing, progress: &Progress) {
         for fault in &renderer.faults()[self.said..] {
             progress.warn(&format!(
-                "device {} failed in frame {}: {}; the other devices completed the frame at attempt {}, {:.0} ms after its start",
+                "device {} failed in frame {}: {}; the other devices completed the frame at attempt {}, {:.0} ms after \
+                 its start",
                 fault.device, fault.frame, fault.what, fault.attempts, fault.recovery_ms
             ));
             record_fault(&tracing.recorder, fault);

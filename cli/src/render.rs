@@ -108,7 +108,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut loaded = setup::load(options)?;
     setup::tell_remarks(&loaded.scene);
     if args.has(Also::Overlay) && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
-        let what = "--also overlay does not support polar --foveation with the eye projections of head motion: drop one of them";
+        let what = "--also overlay does not support polar --foveation with the eye projections of head motion: drop \
+                    one of them";
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     if let Some(warning) =

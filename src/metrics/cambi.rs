@@ -129,9 +129,9 @@ fn contrasts(levels: &Image<u16>, mask: &Image<bool>, radius: u32) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    /// Values of libvmaf's `cambi.c` (commit f85a8536, default options, plain C) for the same luma. For the left pictures
-    /// of `builtin:cornell` (640x360) and `builtin:atrium` (600x400) at one sample, libvmaf gives 2.741743494 and
-    /// 0.821743566, and this module 2.741743476 and 0.821743559.
+    /// Values of libvmaf's `cambi.c` (commit f85a8536, default options, plain C) for the same luma. For the left
+    /// pictures of `builtin:cornell` (640x360) and `builtin:atrium` (600x400) at one sample, libvmaf gives 2.741743494
+    /// and 0.821743566, and this module 2.741743476 and 0.821743559.
     #[test]
     fn cambi_equals_libvmaf() {
         let mut state = 7u32;

@@ -106,8 +106,8 @@ pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     })
 }
 
-/// Returns the ends of the 95 % interval of the median, which are order statistics and hold for any distribution; `None`
-/// for fewer than six values, which have no such interval.
+/// Returns the ends of the 95 % interval of the median, which are order statistics and hold for any distribution;
+/// `None` for fewer than six values, which have no such interval.
 pub fn interval_of_median(values: &[f64]) -> Option<[f64; 2]> {
     let (count, mut below, mut term) = (values.len(), 0.0, 0.5f64.powi(values.len() as i32));
     // The number of values below the median is binomial.
@@ -168,10 +168,10 @@ const SEAMS: &[Column<SeamRow>] = &[
 
 /// Description of the columns of [`seam_table`].
 pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip compare with the reference, both tonemapped at \
-    exposure_ev. cambi: index of visible bands of the image alone; 0 is none, and bands annoy from about 5. seam: RMSE within 4 rows of a seam over RMSE elsewhere. seam / one's: RMSE of these rows over that of \
-    the same rows of the one-device image; 1 means that the seam adds no error. psnr, flip and seam rmse to one \
-    compare with the one-device image: inf, 0 and 0 if all bytes are the same. ms: median of warm frames; iqr: \
-    interquartile range.";
+    exposure_ev. cambi: index of visible bands of the image alone; 0 is none, and bands annoy from about 5. seam: \
+    RMSE within 4 rows of a seam over RMSE elsewhere. seam / one's: RMSE of these rows over that of the same rows of \
+    the one-device image; 1 means that the seam adds no error. psnr, flip and seam rmse to one compare with the \
+    one-device image: inf, 0 and 0 if all bytes are the same. ms: median of warm frames; iqr: interquartile range.";
 
 /// Returns a table with a line per setting and eye.
 pub fn seam_table(rows: &[SeamRow]) -> Table {
@@ -228,10 +228,10 @@ const LERIA: [(&str, Measure, Cited); 2] = [
 ];
 
 /// The caption of [`leria_table`].
-pub const LERIA_NOTE: &str = "PSNR in dB and CAMBI; in brackets, the difference from the image without seams. This shot: mean of \
-    both eyes at the largest device count; 'no seam' is one device. Cited: Leria, Mäkitalo & Jääskeläinen 2024, \
-    Real-time Stereoscopic Image-parallel Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs. \
-    Scenes, references and denoiser differ, so compare only the differences within a column.";
+pub const LERIA_NOTE: &str = "PSNR in dB and CAMBI; in brackets, the difference from the image without seams. This \
+    shot: mean of both eyes at the largest device count; 'no seam' is one device. Cited: Leria, Mäkitalo & \
+    Jääskeläinen 2024, Real-time Stereoscopic Image-parallel Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, \
+    several GPUs. Scenes, references and denoiser differ, so compare only the differences within a column.";
 
 /// Returns a table of our PSNR and CAMBI at the largest device count beside the paper's.
 pub fn leria_table(rows: &[SeamRow]) -> Table {

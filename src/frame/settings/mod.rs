@@ -51,8 +51,8 @@ table::settings! {
         baseline: Option<f64> = None;
         /// View of the whole scene: front, three-quarter, top, AZ,EL or AZ,EL,ZOOM
         ///
-        /// AZ is the azimuth in degrees: 0 is the front, +z, and 90 the side at +x. EL is the elevation, 90 above. Zoom 1
-        /// shows the whole scene; 2 shows it twice as large.
+        /// AZ is the azimuth in degrees: 0 is the front, +z, and 90 the side at +x. EL is the elevation, 90 above.
+        /// Zoom 1 shows the whole scene; 2 shows it twice as large.
         orbit: Option<Orbit> = None;
         /// Exposure of pictures in stops, or auto; EXR files are not exposed
         ///
@@ -65,8 +65,8 @@ table::settings! {
         tonemap: Option<ToneCurve> = None;
         /// Environment: studio, white, sky, an .hdr or .exr file, or a radiance R,G,B
         ///
-        /// The default is the shot's. A glTF file without lights gets the studio: soft boxes, and a ground below an object.
-        /// white is a radiance of 1 from all directions, which `export` uses instead of the studio.
+        /// The default is the shot's. A glTF file without lights gets the studio: soft boxes, and a ground below an
+        /// object. white is a radiance of 1 from all directions, which `export` uses instead of the studio.
         environment: Option<ShotEnvironment> = None;
         /// Animations to play: all, none, or a name [default: the shot's, else all]
         animation: Option<Choice> = None;
@@ -78,8 +78,8 @@ table::settings! {
         fps: Option<f64> = None, of &["render", "scale", "play", "view"];
         /// Replay head motion from a file instead of the camera path
         ///
-        /// `play` and `view` record such files with --record-motion. They are JSON lines of head poses, and of the eyes'
-        /// projections if these are asymmetric.
+        /// `play` and `view` record such files with --record-motion. They are JSON lines of head poses, and of the
+        /// eyes' projections if these are asymmetric.
         motion: Option<PathBuf> = None, of RUNS;
         /// Maximum host memory for the scene, such as 4GiB [default: half the RAM]
         max_scene_memory: Option<ByteSize> = None;
@@ -96,8 +96,8 @@ table::settings! {
     Run {
         /// Time limit of a reference, seconds [default: none; bench and study: 600]
         ///
-        /// The reference has at least one pass. Later runs of `bench` and `study` resume it, and so does `render --reference`
-        /// with passes_out.
+        /// The reference has at least one pass. Later runs of `bench` and `study` resume it, and so does
+        /// `render --reference` with passes_out.
         time_limit: Option<f64> = None, of &["render", "bench", "study"];
         /// Folder that keeps the accumulation of --reference, to resume from it
         passes_out: Option<PathBuf> = None, of &["render"];
@@ -105,10 +105,10 @@ table::settings! {
         pass_spp: u32 = 8, of &["render"];
         /// Controller of the quality: diptych, vlachos, unreal, pid, pinned:N; or several
         ///
-        /// `vlachos` is the adaptive quality of Vlachos (GDC 2016), `unreal` works like the dynamic resolution of Unreal
-        /// Engine, `pid` is a PID controller, `pinned:N` stays on rung N, `turns:N` plays N frames on each rung in turn,
-        /// and `turns:N:STEP` on every STEPth rung. `play` plays with several in turns and compares them: it writes a
-        /// folder per run, comparison.csv and comparison.svg.
+        /// `vlachos` is the adaptive quality of Vlachos (GDC 2016), `unreal` works like the dynamic resolution of
+        /// Unreal Engine, `pid` is a PID controller, `pinned:N` stays on rung N, `turns:N` plays N frames on each rung
+        /// in turn, and `turns:N:STEP` on every STEPth rung. `play` plays with several in turns and compares them: it
+        /// writes a folder per run, comparison.csv and comparison.svg.
         controller: Vec<ControllerKind> = vec![ControllerKind::default()], of &["play", "view"];
         /// Runs of each controller
         runs: u32 = 3, needs several_controllers, of &["play"];
@@ -120,8 +120,8 @@ table::settings! {
         details: bool = false, of &["play"];
         /// Also report errors by kind of pixel: silhouettes, creases, reflections, …
         ///
-        /// bench.csv then has the columns flip_KIND, the mean FLIP of the kind's pixels, and part_KIND, their part of the
-        /// sum of FLIP over all pixels.
+        /// bench.csv then has the columns flip_KIND, the mean FLIP of the kind's pixels, and part_KIND, their part of
+        /// the sum of FLIP over all pixels.
         by_kind: bool = false, of &["bench"];
         /// Measure everything again instead of resuming
         fresh: bool = false, of &["bench"];
@@ -170,7 +170,8 @@ table::settings! {
         iterations: Option<[u32; 3]> = None, needs denoiser, of SINGLE;
         /// First iterations of atrous that ignore differences in radiance
         ///
-        /// Differences are mostly noise at one sample per pixel. Dammertz et al. 2010 compare radiance in all iterations: 0.
+        /// Differences are mostly noise at one sample per pixel. Dammertz et al. 2010 compare radiance in all
+        /// iterations: 0.
         blind_iterations: u32 = 3, needs atrous, of SINGLE;
         /// Foveated rendering
         foveation: FoveationMode = FoveationMode::None, of SINGLE;
@@ -232,8 +233,8 @@ table::settings! {
         balance: Vec<Balance> = Vec::new(), of BALANCED;
         /// Ratios of rows per device: 5,1,2, or GROUP[.EYE]=5,1,2 for a group of passes
         ///
-        /// GROUP is path_trace, denoise or another group of passes, and EYE is left or right: path_trace.left=1,2. Write
-        /// a semicolon between several groups.
+        /// GROUP is path_trace, denoise or another group of passes, and EYE is left or right: path_trace.left=1,2.
+        /// Write a semicolon between several groups.
         ratios: Vec<RatioRule> = Vec::new(), needs static_balance, of BALANCED;
         /// Filtering across stripes
         seam: SeamMode = SeamMode::Halo;
@@ -257,9 +258,9 @@ table::settings! {
         shader_checks: ShaderChecks = ShaderChecks::Fast;
         /// Disturb the run, e.g. loss:dev1@3, slow:dev1@5..9 or scene-cut@7
         ///
-        /// Write KIND:devI@FRAME for a fault of device I. KIND is loss, hang, oom (out of memory) or slow, which runs each
-        /// dispatch twice; slow:devI@FROM..TO lasts until before frame TO. scene-cut@FRAME makes the camera of `play` jump.
-        /// Give several disturbances in a list.
+        /// Write KIND:devI@FRAME for a fault of device I. KIND is loss, hang, oom (out of memory) or slow, which runs
+        /// each dispatch twice; slow:devI@FROM..TO lasts until before frame TO. scene-cut@FRAME makes the camera of
+        /// `play` jump. Give several disturbances in a list.
         disturb: Vec<Disturbance> = Vec::new(), of &["render", "play", "view", "scale"];
     }
 }
@@ -338,8 +339,8 @@ impl Settings {
         }
     }
 
-    /// Caps the iterations of a quality: in foveal layers at the settings' or else at those of Peres. Without layers, the
-    /// largest of the settings' caps applies to the whole image.
+    /// Caps the iterations of a quality: in foveal layers at the settings' or else at those of Peres. Without layers,
+    /// the largest of the settings' caps applies to the whole image.
     pub fn limit(&self, quality: &Quality) -> Quality {
         let limits = match (quality.fovea, self.iterations) {
             (Some(_), layers) => layers.unwrap_or(LAYER_ITERATIONS),
@@ -350,7 +351,8 @@ impl Settings {
         Quality { filter: Filter::in_effect(quality.denoiser(), iterations), ..*quality }
     }
 
-    /// Returns the filtering across stripes. With [`HaloMode::Cost`], the plan is the first one, and costs may change it.
+    /// Returns the filtering across stripes. With [`HaloMode::Cost`], the plan is the first one, and costs may change
+    /// it.
     pub fn seam(&self) -> Seam {
         match (self.seam, self.halo) {
             (SeamMode::None, _) => Seam::None,

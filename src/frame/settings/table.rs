@@ -71,7 +71,8 @@ impl Setting {
         (self.parse)(&mut Settings::default(), text)
     }
 
-    /// Returns true if the setting can have an effect in a command. [`CONTACT_SHEET`] and [`NO_SHOT`] count as commands.
+    /// Returns true if the setting can have an effect in a command. [`CONTACT_SHEET`] and [`NO_SHOT`] count as
+    /// commands.
     pub fn is_of(&self, command: &str) -> bool {
         let is_of_scene = self.group == Group::Scene;
         match command {
@@ -83,8 +84,8 @@ impl Setting {
         }
     }
 
-    /// Returns true if a shot's table `[render]` may have the setting. Devices are those of a machine, and the gaze has a
-    /// table of its own.
+    /// Returns true if a shot's table `[render]` may have the setting. Devices are those of a machine, and the gaze has
+    /// a table of its own.
     pub fn is_of_shots(&self) -> bool {
         matches!(self.group, Group::Picture | Group::Quality) && self.key != "gaze"
     }
