@@ -35,7 +35,9 @@ impl FromStr for Injection {
     fn from_str(text: &str) -> Result<Self, String> {
         let parts = text.split_once(":dev").and_then(|(kind, place)| Some((kind, place.split_once('@')?)));
         let Some((name, (device, when))) = parts else {
-            return Err("write KIND:devI@FRAME, e.g. loss:dev1@3, or slow:devI@FROM..TO".to_owned());
+            return Err("write KIND:devI@FRAME with loss, hang, oom or slow as KIND, e.g. loss:dev1@3, \
+                        slow:devI@FROM..TO, or scene-cut@FRAME"
+                .to_owned());
         };
         let kind = InjectedKind::ALL.into_iter().find(|(known, _)| *known == name);
         let (_, kind) = kind.ok_or_else(|| format!("'{name}' is not a fault: choose loss, hang, oom or slow"))?;
@@ -93,13 +95,7 @@ impl FromStr for Disturbance {
     fn from_str(text: &str) -> Result<Self, String> {
         let what = text.split(['@', ':']).next().unwrap_or_default();
         if what != SCENE_CUT {
-            let is_known = text.contains(":dev") && text.contains('@');
-            return match is_known {
-                true => text.parse().map(Self::Device),
-                false => Err("write KIND:devI@FRAME with loss, hang, oom or slow as KIND, e.g. loss:dev1@3, \
-                              slow:devI@FROM..TO, or scene-cut@FRAME"
-                    .to_owned()),
-            };
+            return text.parse().map(Self::Device);
         }
         let when = text.strip_prefix(SCENE_CUT).and_then(|rest| rest.strip_prefix('@'));
         let when = when.ok_or("a scene cut has no device: write scene-cut@FRAME, e.g. scene-cut@150")?;

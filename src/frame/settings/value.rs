@@ -101,16 +101,16 @@ impl<T: Value> Value for Option<T> {
     }
 }
 
-/// Implements [`Value`] for types that have a text already.
+/// Implements [`Value`] for types that have a text already. A text after `else` replaces the message of the type.
 macro_rules! texts {
-    ($($type:ty: $form:literal, $is_number:literal, $else:literal;)+) => {$(
+    ($($type:ty: $form:literal $(else $else:literal)? $(, $name:ident: $const:ty = $value:expr)*;)+) => {$(
         impl Value for $type {
             const FORM: &'static str = $form;
 
-            const IS_NUMBER: bool = $is_number;
+            $(const $name: $const = $value;)*
 
             fn parse(text: &str) -> Result<Self, String> {
-                text.trim().parse().map_err(|_| $else.to_owned())
+                text.trim().parse()$(.map_err(|_| $else.to_owned()))?
             }
 
             fn text(&self) -> String {
@@ -121,14 +121,17 @@ macro_rules! texts {
 }
 
 texts! {
-    u16: "N", true, "not a whole number from 0 to 65535";
-    u32: "N", true, "not a whole number from 0 to 4294967295";
-    usize: "N", true, "not a whole number";
-    f32: "V", true, "not a number";
-    f64: "V", true, "not a number";
-    String: "NAME", false, "not a text";
-    ByteSize: "SIZE", false, "not a size, such as 4GiB";
-    Extent: "WxH", false, "not a size, such as 640x360, of at least 1 and at most 16384 pixels a side";
+    u16: "N" else "not a whole number from 0 to 65535", IS_NUMBER: bool = true;
+    u32: "N" else "not a whole number from 0 to 4294967295", IS_NUMBER: bool = true;
+    usize: "N" else "not a whole number", IS_NUMBER: bool = true;
+    f32: "V" else "not a number", IS_NUMBER: bool = true;
+    f64: "V" else "not a number", IS_NUMBER: bool = true;
+    String: "NAME" else "not a text";
+    ByteSize: "SIZE" else "not a size, such as 4GiB";
+    Extent: "WxH" else "not a size, such as 640x360, of at least 1 and at most 16384 pixels a side";
+    RatioRule: "A,B,…", LIST_FORM: &'static str = "A,B,…", SEPARATOR: char = ';';
+    Disturbance: "WHAT@WHEN", LIST_FORM: &'static str = "WHAT@WHEN";
+    ControllerKind: "NAME", LIST_FORM: &'static str = "NAME";
 }
 
 /// Returns the numbers of a list with commas.
@@ -240,32 +243,4 @@ impl Value for PathBuf {
     fn text(&self) -> String {
         self.display().to_string()
     }
-}
-
-/// Implements [`Value`] for types whose text and message are their own, with the forms of one and of several, and the
-/// separator.
-macro_rules! own_texts {
-    ($($type:ty: $form:literal, $list:literal, $separator:literal;)+) => {$(
-        impl Value for $type {
-            const FORM: &'static str = $form;
-
-            const LIST_FORM: &'static str = $list;
-
-            const SEPARATOR: char = $separator;
-
-            fn parse(text: &str) -> Result<Self, String> {
-                text.parse()
-            }
-
-            fn text(&self) -> String {
-                self.to_string()
-            }
-        }
-    )+};
-}
-
-own_texts! {
-    RatioRule: "A,B,…", "A,B,…", ';';
-    Disturbance: "WHAT@WHEN", "WHAT@WHEN", ',';
-    ControllerKind: "NAME", "NAME", ',';
 }

@@ -8,26 +8,25 @@ use crate::passes::Aov;
 use crate::projection::PolarSpace;
 use crate::schedule::Balance;
 
-/// Implements [`Value`] for types whose values have names.
+/// Implements [`Value`] for types whose values have names, by a list of all values with their names and help texts.
 macro_rules! words {
-    ($($type:ty: $form:literal; $($word:literal $value:expr, $help:expr;)+)+) => {$(
+    ($($type:ty: $form:literal $(list $list:literal)?, $all:expr;)+) => {$(
         impl Value for $type {
             const FORM: &'static str = $form;
 
+            $(const LIST_FORM: &'static str = $list;)?
+
             fn words() -> Vec<Word> {
-                vec![$(($word, $help)),+]
+                $all.into_iter().map(|(_, word, help)| (word, Some(help))).collect()
             }
 
             fn parse(text: &str) -> Result<Self, String> {
-                match text {
-                    $($word => Ok($value),)+
-                    _ => Err(one_of(&Self::words())),
-                }
+                let found = $all.into_iter().find(|(_, word, _)| *word == text);
+                found.map(|(value, ..)| value).ok_or_else(|| one_of(&Self::words()))
             }
 
             fn text(&self) -> String {
-                let all = [$(($word, $value)),+];
-                all.iter().find(|(_, value)| value == self).map_or("", |(word, _)| *word).to_owned()
+                $all.into_iter().find(|(value, ..)| value == self).map_or("", |(_, word, _)| word).to_owned()
             }
         }
     )+};
@@ -68,40 +67,6 @@ impl Value for FoveationMode {
             Self::Polar(space) => space.method().name(),
         }
         .to_owned()
-    }
-}
-
-impl Value for Aov {
-    const FORM: &'static str = "NAME";
-
-    fn words() -> Vec<Word> {
-        Self::ALL.iter().map(|aov| (aov.name(), Some(aov.help()))).collect()
-    }
-
-    fn parse(text: &str) -> Result<Self, String> {
-        Self::ALL.iter().copied().find(|aov| aov.name() == text).ok_or_else(|| one_of(&Self::words()))
-    }
-
-    fn text(&self) -> String {
-        self.name().to_owned()
-    }
-}
-
-impl Value for Balance {
-    const FORM: &'static str = "NAME";
-
-    const LIST_FORM: &'static str = "NAME";
-
-    fn words() -> Vec<Word> {
-        Self::all().into_iter().map(|(_, name, help)| (name, Some(help))).collect()
-    }
-
-    fn parse(text: &str) -> Result<Self, String> {
-        Self::from_name(text).ok_or_else(|| one_of(&Self::words()))
-    }
-
-    fn text(&self) -> String {
-        self.name().to_owned()
     }
 }
 
@@ -150,28 +115,36 @@ impl Value for bool {
 }
 
 words! {
-    Sampler: "sobol|pcg";
-        "sobol" Sampler::Sobol, Some("Owen-scrambled Sobol'");
-        "pcg" Sampler::Pcg, Some("Independent random numbers (PCG)");
-    SeamMode: "none|filter|halo";
-        "none" Self::None, Some("Filter stripes separately");
-        "filter" Self::Filter, Some("Filter stripes separately and smooth the seams");
-        "halo" Self::Halo, Some("Filter across stripes: the same bytes as one device");
-    HaloMode: "cost|recompute|exchange";
-        "cost" Self::Cost, Some("Choose the cheaper of recompute and exchange for each iteration");
-        "recompute" Self::Recompute, Some("Receive a wide margin once and filter it redundantly");
-        "exchange" Self::Exchange, Some("Receive a narrow margin before every iteration");
-    ToneCurve: "NAME";
-        "reinhard" Self::Reinhard, Some("c / (1 + c) per channel (Reinhard et al. 2002, eq. 3)");
-        "neutral" Self::Neutral, Some("Khronos PBR Neutral: base colours up to 0.8 stay as they are");
-        "agx" Self::Agx, Some("AgX: filmic, and bright colours fade to white");
-        "aces" Self::Aces, Some("ACES filmic: high contrast");
-        "none" Self::None, Some("No curve; brighter colours are clipped");
-    TraversalChoice: "auto|compute|hardware";
-        "auto" Self::Auto, Some("Hardware if every device is a GPU with ray queries, else compute");
-        "compute" Self::Compute, Some("Compute shaders");
-        "hardware" Self::Hardware, Some("Hardware ray queries");
-    ShaderChecks: "full|fast";
-        "full" Self::Full, Some("All checks: bounds, loops, integer division");
-        "fast" Self::Fast, Some("Bounds checks only");
+    Sampler: "sobol|pcg", [
+        (Sampler::Sobol, "sobol", "Owen-scrambled Sobol'"),
+        (Sampler::Pcg, "pcg", "Independent random numbers (PCG)"),
+    ];
+    SeamMode: "none|filter|halo", [
+        (Self::None, "none", "Filter stripes separately"),
+        (Self::Filter, "filter", "Filter stripes separately and smooth the seams"),
+        (Self::Halo, "halo", "Filter across stripes: the same bytes as one device"),
+    ];
+    HaloMode: "cost|recompute|exchange", [
+        (Self::Cost, "cost", "Choose the cheaper of recompute and exchange for each iteration"),
+        (Self::Recompute, "recompute", "Receive a wide margin once and filter it redundantly"),
+        (Self::Exchange, "exchange", "Receive a narrow margin before every iteration"),
+    ];
+    ToneCurve: "NAME", [
+        (Self::Reinhard, "reinhard", "c / (1 + c) per channel (Reinhard et al. 2002, eq. 3)"),
+        (Self::Neutral, "neutral", "Khronos PBR Neutral: base colours up to 0.8 stay as they are"),
+        (Self::Agx, "agx", "AgX: filmic, and bright colours fade to white"),
+        (Self::Aces, "aces", "ACES filmic: high contrast"),
+        (Self::None, "none", "No curve; brighter colours are clipped"),
+    ];
+    TraversalChoice: "auto|compute|hardware", [
+        (Self::Auto, "auto", "Hardware if every device is a GPU with ray queries, else compute"),
+        (Self::Compute, "compute", "Compute shaders"),
+        (Self::Hardware, "hardware", "Hardware ray queries"),
+    ];
+    ShaderChecks: "full|fast", [
+        (Self::Full, "full", "All checks: bounds, loops, integer division"),
+        (Self::Fast, "fast", "Bounds checks only"),
+    ];
+    Aov: "NAME", Self::ALL.iter().map(|aov| (*aov, aov.name(), aov.help()));
+    Balance: "NAME" list "NAME", Self::all();
 }
