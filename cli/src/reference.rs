@@ -88,7 +88,7 @@ impl Plan {
         // Passes have other numbers of samples, within the limit of a frame.
         (settings.spp, settings.denoiser, settings.foveation) = (Samples::ONE, None, FoveationMode::None);
         (settings.render_scale, settings.reproject) = (1.0, false);
-        let time_limit = settings.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok());
+        let time_limit = settings.time_limit();
         let (folder, pass_spp) = (settings.passes_out.clone(), settings.pass_spp);
         let plan = Self::new(flags.options().map_err(Failure::Input)?, spp.least, pass_spp, time_limit)?;
         Ok(Self { folder, ..plan })

@@ -100,7 +100,7 @@ impl<'a> Wanted<'a> {
 
 /// Returns the time limit of a reference.
 pub fn reference_time(settings: &Settings) -> Duration {
-    settings.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok()).unwrap_or(Duration::from_secs(600))
+    settings.time_limit().unwrap_or(Duration::from_secs(600))
 }
 
 /// Returns the stored reference for this shot and these settings. Renders or resumes it if it has too few samples,

@@ -31,7 +31,7 @@ pub mod timeline;
 pub mod trace;
 
 pub use csv::Csv;
-pub use plot::{Axis, Chart, Series, line_chart_svg};
+pub use plot::{Chart, Series, line_chart_svg};
 pub use table::{Table, text_table};
 
 use diptych::trace::summary::median;

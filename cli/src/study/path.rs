@@ -19,7 +19,7 @@ use crate::registry::registered;
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::lanes::{LaneFrame, median_frame};
-use crate::report::{Axis, Chart, Series, line_chart_svg, median_of, once};
+use crate::report::{Chart, Series, line_chart_svg, median_of, once};
 use crate::setup;
 use crate::simulate::predict;
 use diptych::exec::FrameReport;
@@ -132,9 +132,8 @@ fn sections(measuring: &Measuring, found: &[Found], reports: &[Vec<FrameReport>]
         let points = (0u32..).zip(&found.times).map(|(i, frame)| (f64::from(i), frame.makespan_ms)).collect();
         Series { name: name.to_owned(), points, ..Series::default() }
     };
-    let axis = |label: &str| Axis { label: label.to_owned(), log: false };
     let title = format!("{}, {}", subject.name(), conditions.name);
-    let chart = Chart { title: title.clone(), x: axis("frame"), y: axis("makespan, ms") };
+    let chart = Chart::new(title.clone(), ["frame", "makespan, ms"], false);
     let series: Vec<Series> = names.clone().zip(found).map(line).collect();
     let figure = Some(line_chart_svg(&chart, &series).map_err(|error| anyhow!("cannot draw the frames: {error}"))?);
     let median = |frames: &Vec<FrameReport>| median_frame(&frames.iter().map(|f| f.makespan_ms).collect::<Vec<_>>());

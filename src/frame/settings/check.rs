@@ -37,15 +37,13 @@ impl Settings {
 
     /// Checks the settings of the command.
     fn check_run(&self) -> Result<(), SettingError> {
+        let invalid = |key, value: String, why: &str| Err(SettingError::Invalid { key, value, why: why.to_owned() });
         within("time_limit", self.time_limit.unwrap_or(1.0), f64::MIN_POSITIVE..=1e9)?;
         if !self.pass_spp.is_power_of_two() || !(2..=4096).contains(&self.pass_spp) {
-            let (key, value, why) =
-                ("pass_spp", self.pass_spp.to_string(), "give a power of two, 2 to 4096".to_owned());
-            return Err(SettingError::Invalid { key, value, why });
+            return invalid("pass_spp", self.pass_spp.to_string(), "give a power of two, 2 to 4096");
         }
         if self.speeds.is_empty() {
-            let (value, why) = ("empty".to_owned(), "give at least one number".to_owned());
-            return Err(SettingError::Invalid { key: "speeds", value, why });
+            return invalid("speeds", "empty".to_owned(), "give at least one number");
         }
         for speed in &self.speeds {
             within("speeds", *speed, f64::MIN_POSITIVE..=f64::MAX)?;
@@ -56,12 +54,10 @@ impl Settings {
             within("threads_per_device", *threads, 1..=1024)?;
         }
         if self.balances().contains(&Balance::Static) && self.ratios.is_empty() {
-            let (value, why) = (Balance::Static.name().to_owned(), "it needs ratios".to_owned());
-            return Err(SettingError::Invalid { key: "balance", value, why });
+            return invalid("balance", Balance::Static.name().to_owned(), "it needs ratios");
         }
         if self.controller.is_empty() {
-            let (value, why) = ("empty".to_owned(), "give at least one name".to_owned());
-            return Err(SettingError::Invalid { key: "controller", value, why });
+            return invalid("controller", "empty".to_owned(), "give at least one name");
         }
         within("runs", self.runs, 1..=1000)?;
         within("report_spp", self.report_spp.unwrap_or(1), 1..=1 << 24)?;

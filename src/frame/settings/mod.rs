@@ -9,6 +9,7 @@ mod value;
 mod words;
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use glam::DVec3;
 
@@ -365,6 +366,11 @@ impl Settings {
     /// Returns the gaze of each eye that replaces the shot's.
     pub fn gaze(&self) -> Option<[Gaze; 2]> {
         self.gaze.map(|EyePoints(eyes)| eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }))
+    }
+
+    /// Returns the time limit of a reference, if there is one.
+    pub fn time_limit(&self) -> Option<Duration> {
+        self.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok())
     }
 
     /// Returns what replaces the shot's own camera, light and animation.
