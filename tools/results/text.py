@@ -33,8 +33,9 @@ def table_text(table):
 
 def page(results):
     """docs/results/results.md."""
-    text = "# Results\n\n`make numbers` measures these tables. It writes this file, [its data](results.json) and the "
-    text += "tables of [README.md](../../README.md).\n"
+    text = "# Results\n\n`make numbers` measures these tables; those of Mitsuba need `WITH_PEERS=1`, rows of a second driver "
+    text += "`NEWER_MESA=COMMAND`. It writes this file, [its data](results.json) and the tables of "
+    text += "[README.md](../../README.md).\n"
     for table in results["tables"].values():
         text += f"\n## {table['title']}\n\n{table_text(table)}"
     return text if results["tables"] else text + "\nNo table has been measured yet.\n"
