@@ -61,13 +61,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         seen.first.albedo += (reflected.albedo - polish.hit.albedo) * polish.weight;
         seen.first.emission += (reflected.emission - polish.hit.emission) * polish.weight;
     }
-    if HAS_HARD_LIGHTS && !JITTER && (!VARIES_SAMPLES || samples_of(pixel) == 1u) {
-        add_hard_light(&seen, rng);
-    }
     let links = seen.links;
-    var first = seen.first;
-    let ok = is_sound(&first) && !was_cut_short;
-    seen.first = first;
+    let first = seen.first;
     let hit = first.hit;
     let is_surface = (hit.prim & SPHERE) == 0u;
     // Reflections in clear glass are specular light, as narrow as possible.
@@ -93,9 +88,20 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         is_surface,
     );
     let depth = select(select(hit.t, 0.0, hit.prim == NO_PRIM), links.distance, HAS_MIRRORS);
+    // These results are written before shadow rays, which need many registers, are traced.
     albedo_image[at] = pack_albedo(Albedo(first.albedo, first.matte, roughness));
-    emission_image[at] = vec4<f32>(first.emission, depth);
-    tally_image[at] = add_tally(0u, seen.rays, select(1u, 0u, ok));
+    let has_albedo = is_finite(first.albedo) && is_finite(first.matte);
+    if HAS_HARD_LIGHTS && !JITTER && (!VARIES_SAMPLES || samples_of(pixel) == 1u) {
+        add_hard_light(&seen, rng);
+    }
+    var emission = seen.first.emission;
+    let is_kept = has_albedo && is_finite(emission);
+    if !is_kept {
+        albedo_image[at] = pack_albedo(Albedo(vec3<f32>(0.0), vec3<f32>(0.0), roughness));
+        emission = vec3<f32>(0.0);
+    }
+    emission_image[at] = vec4<f32>(emission, depth);
+    tally_image[at] = add_tally(0u, seen.rays, select(1u, 0u, is_kept && !was_cut_short));
 }
 
 // Adds samples [begin, end) to the running means of albedo and emission.
