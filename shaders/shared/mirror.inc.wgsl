@@ -152,7 +152,10 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
         mirror_motion = no_mirror_motion();
     }
     links.pencil = along(pencil_at_eye(), (*f).hit.t);
-    let before = *f;
+    let before = (*f).hit;
+    let position = (*f).surface.position;
+    let normal = (*f).surface.normal;
+    let material = (*f).surface.material;
     var pick = 0.0;
     var sum = 0.0;
     if HAS_TRANSMISSION {
@@ -225,12 +228,15 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
     }
     if HAS_TRANSMISSION && sum > 0.0 {
         if ((*f).hit.prim & SPHERE) != 0u {
-            (*f).hit = before.hit;
-            links.surface_distance = before.hit.t;
+            (*f).hit = before;
+            links.surface_distance = before.t;
             if HAS_MOTION {
                 mirror_motion = no_mirror_motion();
             }
-            (*f).surface = before.surface;
+            // All of its light is in the reflections, so nothing else of the surface is needed.
+            (*f).surface.position = position;
+            (*f).surface.normal = normal;
+            (*f).surface.material = material;
         }
         links.weight *= sum;
         (*f).albedo += links.albedo;
