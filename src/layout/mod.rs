@@ -230,10 +230,10 @@ pub fn readers() -> String {
 /// Returns the structs and constants that every shader's text begins with.
 pub fn declarations() -> String {
     let structs: String = all_structs().iter().map(ToString::to_string).collect();
-    let of_others =
-        constants![SKIPPED, LIST_HEADER, LIST_GROUP, SPHERE, TRIANGLE_ALPHA, TONE_NEUTRAL, TONE_AGX, TONE_ACES, TONE_NONE];
+    let of_lists = constants![LIST_HEADER, LIST_GROUP];
+    let of_others = constants![SKIPPED, SPHERE, TRIANGLE_ALPHA, TONE_NEUTRAL, TONE_AGX, TONE_ACES, TONE_NONE];
     let constants =
-        [CONSTANTS, samples::CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
+        [CONSTANTS, samples::CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_lists, of_others].concat();
     let floats = [("SMOOTH", SMOOTH), ("LEAST_SHEEN_ROUGHNESS", LEAST_SHEEN_ROUGHNESS)];
     let floats: String = floats.iter().map(|(name, value)| format!("const {name}: f32 = {value:?}f;\n")).collect();
     structs + &declare(&constants) + &floats
