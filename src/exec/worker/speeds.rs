@@ -12,7 +12,7 @@ const GROWTH: f64 = 8.0;
 /// tenth of the watchdog's time, paths may be 40 times as slow as the slowest rows so far before a device is reset.
 const MARGIN: f64 = 4.0;
 
-/// What a device has measured, by the kernel's name.
+/// The speeds of a device's kernels, by name.
 #[derive(Debug, Default)]
 pub struct Speeds(HashMap<&'static str, Speed>);
 
