@@ -49,7 +49,7 @@ pub struct SizeFit {
     pub played_size: String,
 }
 
-/// A sequence of consecutive frames outside the budget band.
+/// A sequence of consecutive frames above the budget.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Excursion {
@@ -171,8 +171,8 @@ struct Judged {
     makespans_ms: Quantiles,
     rung_changes: usize,
     last_rung: Option<usize>,
-    /// Current sequence of frames outside the budget band, if the last frame was outside; and the longest sequence so
-    /// far, the earliest if several are equally long.
+    /// Current sequence of frames above the budget, if the last frame was above it; and the longest sequence so far, the
+    /// earliest if several are equally long.
     excursion: Option<Excursion>,
     longest: Option<Excursion>,
     rungs: BTreeMap<usize, RungFrames>,
@@ -197,7 +197,7 @@ impl Judged {
         self.makespans_ms.add(row.makespan_ms);
         let changes = self.last_rung.replace(control.rung).is_some_and(|last| last != control.rung);
         self.rung_changes += usize::from(changes);
-        if control.in_band {
+        if row.makespan_ms <= hi_ms {
             self.excursion = None;
         } else {
             let excursion = self.excursion.get_or_insert(Excursion { first_frame: row.index, frames: 0 });
@@ -221,16 +221,15 @@ impl PlaySummary {
         let rows = [
             ("budget", format!("{lo_ms} to {hi_ms} ms")),
             ("frames judged", self.judged_frames.to_string()),
-            ("within the budget", percent(self.in_band_share)),
-            ("longer", percent(self.above_share)),
-            ("shorter", percent(self.below_share)),
-            ("begun late", percent(self.late_share)),
+            ("within the budget or shorter", percent(1.0 - self.above_share)),
             ("display periods missed", percent(self.missed_fraction)),
+            ("begun late", percent(self.late_share)),
+            ("longest excursion", self.longest_excursion.as_ref().map_or("none".to_owned(), ToString::to_string)),
             ("median makespan", ms(self.makespan_ms_p50)),
             ("95th percentile", ms(self.makespan_ms_p95)),
             ("99th percentile", ms(self.makespan_ms_p99)),
             ("changes of the rung", self.rung_changes.to_string()),
-            ("longest excursion", self.longest_excursion.as_ref().map_or("none".to_owned(), ToString::to_string)),
+            ("shorter than the budget", percent(self.below_share)),
         ];
         let rows = rows.map(|(name, value)| vec![name.to_owned(), value]).into();
         Table { headers: vec!["what", "value"], rows }
@@ -285,21 +284,14 @@ impl fmt::Display for Excursion {
 impl fmt::Display for PlaySummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let [lo_ms, hi_ms] = self.budget_ms;
-        writeln!(
-            f,
-            "{} of {} frames took {lo_ms} to {hi_ms} ms; {} took longer, {} less; {} began late; {} of display periods were missed",
-            percent(self.in_band_share),
-            self.judged_frames,
-            percent(self.above_share),
-            percent(self.below_share),
-            percent(self.late_share),
-            percent(self.missed_fraction),
-        )?;
+        let [in_time, missed, late, below] =
+            [1.0 - self.above_share, self.missed_fraction, self.late_share, self.below_share].map(percent);
+        let longest =
+            self.longest_excursion.as_ref().map_or(String::new(), |most| format!("; longest excursion: {most}"));
+        writeln!(f, "{in_time} of {} frames took at most {hi_ms} ms{longest}", self.judged_frames)?;
+        writeln!(f, "{missed} of display periods were missed; {late} of frames began late")?;
         let [p50, p95, p99] = [self.makespan_ms_p50, self.makespan_ms_p95, self.makespan_ms_p99];
         write!(f, "makespan ms: median {p50:.1}, 95 % {p95:.1}, 99 % {p99:.1}; {} rung changes; ", self.rung_changes)?;
-        match &self.longest_excursion {
-            Some(excursion) => write!(f, "longest excursion: {excursion}"),
-            None => write!(f, "no excursion"),
-        }
+        write!(f, "{below} of frames took less than {lo_ms} ms")
     }
 }
