@@ -75,7 +75,8 @@ impl Format {
 
 /// Length of the header of a [`Format::List`], in 4-byte words.
 pub const LIST_HEADER: u32 = 4;
-/// Number of a list's pixels for each workgroup of its dispatch.
+/// Number of a list's pixels for each workgroup of its dispatch. With more than 65,535 workgroups, which is 2.1 million
+/// pixels, invocations take several pixels each.
 pub const LIST_GROUP: u32 = 32;
 
 /// Number of instances of a resource, or of a pass.

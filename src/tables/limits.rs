@@ -286,7 +286,7 @@ mod tests {
         assert_eq!(check(&limits(), 3, frames(&huge)).unwrap_err().remedy(), Remedy::SmallerSize);
         let few = wgpu::Limits { max_compute_workgroups_per_dimension: 100, ..limits() };
         assert_said(&few, frames(&hd), "needs 240 workgroups a row or column, and device 3 takes 100 workgroups");
-        assert_said(&few, frames(&narrow), "needs 135 workgroups a row or column, and device 3 takes 100 workgroups");
+        assert_said(&few, frames(&narrow), "needs 270 workgroups a row or column, and device 3 takes 100 workgroups");
         for (limits, expected) in [
             // WebGPU's default.
             (

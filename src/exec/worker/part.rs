@@ -141,12 +141,13 @@ impl Part {
         let Some(work) = Work::of(&graph, &graph.parts_of(self.device).0[task]) else { return Ok(()) };
         let (bound_ms, samples) = (self.job.splits.bound_ms, self.job.constants.sampling.samples);
         let divisible = Divisible::new(work.program, work.pass, work.rows, samples);
-        let kernel = work.program.passes()[work.pass].pass.kernel.name;
+        let pass = &work.program.passes()[work.pass].pass;
+        let key = (pass.kernel.name, pass.index);
         let mut at = Position::start(work.rows);
         while at < Position::END {
-            let to = device.speeds.reach(kernel, &divisible, at, bound_ms);
+            let to = device.speeds.reach(key, &divisible, at, bound_ms);
             let paths = divisible.paths(&(at..to));
-            let is_timed = to < Position::END || device.speeds.is_new(kernel, paths);
+            let is_timed = to < Position::END || device.speeds.is_new(key, paths);
             if is_timed {
                 // The device must be idle, or the time would include other work.
                 device.gpu.wait(None)?;
@@ -160,7 +161,7 @@ impl Part {
             beat();
             if is_timed {
                 device.gpu.wait(None)?;
-                device.speeds.learn(kernel, paths, device.now_ms() - begin_ms);
+                device.speeds.learn(key, paths, device.now_ms() - begin_ms);
             }
             at = to;
         }

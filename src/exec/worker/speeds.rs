@@ -8,17 +8,21 @@ use crate::schedule::{Divisible, Position, UNKNOWN_PATH_MS};
 /// A submission may trace this many times as many paths as the largest that was timed.
 const GROWTH: f64 = 8.0;
 
-/// Assumed time of paths over the greatest that was measured: rows of sky may come first. Together with a bound of a
+/// Assumed time of paths over that of the slowest recent rows: rows of sky may come first. Together with a bound of a
 /// tenth of the watchdog's time, paths may be 40 times as slow as the slowest rows so far before a device is reset.
 const MARGIN: f64 = 4.0;
 
-/// The speeds of a device's kernels, by name.
+/// Name of a kernel, and index of its pass: kernels of auxiliary images do other work in each of their passes. Both eyes
+/// share a speed, so that a list of few pixels does not make the right eye's paths look fast.
+pub type Key = (&'static str, u32);
+
+/// The speeds of a device's kernels.
 #[derive(Debug, Default)]
-pub struct Speeds(HashMap<&'static str, Speed>);
+pub struct Speeds(HashMap<Key, Speed>);
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Speed {
-    /// Greatest time per path of any submission.
+    /// Time per path of the slowest submission, which counts half as much with each later one.
     path_ms: f64,
     /// Number of paths of the largest submission.
     paths: f64,
@@ -27,8 +31,8 @@ struct Speed {
 impl Speeds {
     /// Returns the furthest position such that the work from `from` to there may be one submission. It is always beyond
     /// `from`.
-    pub fn reach(&self, kernel: &str, work: &Divisible<'_>, from: Position, bound_ms: f64) -> Position {
-        let most = self.0.get(kernel).map_or(bound_ms / UNKNOWN_PATH_MS, |speed| {
+    pub fn reach(&self, key: Key, work: &Divisible<'_>, from: Position, bound_ms: f64) -> Position {
+        let most = self.0.get(&key).map_or(bound_ms / UNKNOWN_PATH_MS, |speed| {
             (GROWTH * speed.paths).min(bound_ms / (MARGIN * speed.path_ms))
         });
         let (to, _) = work.reach(from, most, |run, rows| work.paths_of(run, rows));
@@ -36,21 +40,23 @@ impl Speeds {
     }
 
     /// Returns true if no submission of as many paths has been timed yet.
-    pub fn is_new(&self, kernel: &str, paths: f64) -> bool {
-        self.0.get(kernel).is_none_or(|speed| speed.paths < paths)
+    pub fn is_new(&self, key: Key, paths: f64) -> bool {
+        self.0.get(&key).is_none_or(|speed| speed.paths < paths)
     }
 
-    pub fn learn(&mut self, kernel: &'static str, paths: f64, ms: f64) {
-        let speed = self.0.entry(kernel).or_default();
+    pub fn learn(&mut self, key: Key, paths: f64, ms: f64) {
+        let speed = self.0.entry(key).or_default();
         // Waiting for a device takes time as well, so a time of 0 is none.
         let path_ms = if ms > 0.0 { ms / paths } else { UNKNOWN_PATH_MS };
-        *speed = Speed { path_ms: speed.path_ms.max(path_ms), paths: speed.paths.max(paths) };
+        *speed = Speed { path_ms: path_ms.max(0.5 * speed.path_ms), paths: speed.paths.max(paths) };
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const KEY: Key = ("kernel", 0);
 
     /// One run of a kernel on rows of 1,000 pixels each, eight of which are computed together.
     fn work(rows: &std::ops::Range<u32>, runs: usize) -> Divisible<'_> {
@@ -63,9 +69,9 @@ mod tests {
         let work = work(&rows, 1);
         let (mut at, mut all) = (Position::start(&rows), Vec::new());
         while at < Position::END {
-            let to = speeds.reach("kernel", &work, at, bound_ms);
+            let to = speeds.reach(KEY, &work, at, bound_ms);
             let paths = work.paths(&(at..to));
-            speeds.learn("kernel", paths, paths * path_ms(paths));
+            speeds.learn(KEY, paths, paths * path_ms(paths));
             all.push(paths / 1000.0);
             at = to;
         }
@@ -90,14 +96,16 @@ mod tests {
     }
 
     #[test]
-    fn greatest_time_per_path_counts() {
+    fn slow_submissions_count_for_a_while() {
         let mut speeds = Speeds::default();
-        speeds.learn("kernel", 1e6, 1e3);
-        speeds.learn("kernel", 1e6, 1.0);
         let rows = 0..1000;
-        let to = speeds.reach("kernel", &work(&rows, 2), Position::start(&rows), 200.0);
-        assert_eq!(to, Position { run: 0, row: 48 });
-        speeds.learn("other", 1e7, 1e-3);
-        assert_eq!(speeds.reach("other", &work(&rows, 2), to, 200.0), Position::END);
+        let start = Position::start(&rows);
+        speeds.learn(KEY, 1e6, 1e3);
+        assert_eq!(speeds.reach(KEY, &work(&rows, 2), start, 200.0), Position { run: 0, row: 48 });
+        speeds.learn(KEY, 1e6, 1.0);
+        assert_eq!(speeds.reach(KEY, &work(&rows, 2), start, 200.0), Position { run: 0, row: 96 });
+        let other = ("kernel", 1);
+        speeds.learn(other, 1e7, 1e-3);
+        assert_eq!(speeds.reach(other, &work(&rows, 2), start, 200.0), Position::END);
     }
 }
