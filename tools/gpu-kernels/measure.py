@@ -17,6 +17,10 @@ import subprocess
 import sys
 import tempfile
 
+sys.path.append(str(pathlib.Path(__file__).parents[1] / "results"))
+
+from text import json_text
+
 SCENES = ["cornell", "atrium", "gallery", "studio"]
 # The driver's file, the library of mesa-drm-shim, and the environment that selects the chip and prints statistics.
 AMD = {"MESA_SHADER_CACHE_DISABLE": "true", "RADV_DEBUG": "shaderstats,nocache"}
@@ -173,7 +177,7 @@ def main():
     if worse and not options.accept:
         sys.exit(f"{len(worse)} figures are worse by more than 5 %. ARGS=--accept writes them nevertheless")
     results["kernels"] = {"driver": mesa, "figures": FIGURES, "measured": {**before, **measured}}
-    options.results.write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n")
+    options.results.write_text(json_text(results))
 
 
 def mesa_version(options):

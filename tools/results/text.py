@@ -58,9 +58,16 @@ def with_table(readme, name, table):
     return readme[: section.start()] + changed + readme[section.end() :]
 
 
+def json_text(results):
+    """Results as JSON, in which each row of a table is a line."""
+    text = json.dumps(results, indent=1, ensure_ascii=False)
+    # Only elements of lists begin a line with a brace. Strings have no line breaks.
+    return re.sub(r"\n +\{[^{}]*\}", lambda row: re.sub(r"(?<=.)\n +", " ", row[0], flags=re.S), text) + "\n"
+
+
 def write(root, results):
     """All files that follow from the results. README.md is last, since a place may be missing there."""
-    (root / "docs/results/results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n")
+    (root / "docs/results/results.json").write_text(json_text(results))
     (root / "docs/results/results.md").write_text(page(results))
     readme = (root / "README.md").read_text()
     for name, table in results["tables"].items():
