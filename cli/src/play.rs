@@ -200,7 +200,8 @@ impl<'a> Run<'a> {
             let late_ms = pace.wait();
             let (rig, time_s) = (self.rig(index), self.time_s(index));
             let (mut row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
-            row.miss(pace.complete());
+            let deadline = pace.complete(self.session.tracing.recorder.origin());
+            self.session.complete(&mut row, &frame, decided, Some(deadline));
             if let Some(motion) = &mut self.motion {
                 motion.add(time_s, &rig, time_s, self.session.gaze(time_s))?;
             }

@@ -233,7 +233,7 @@ impl Tracing {
         Ok(Self { file, recorder })
     }
 
-    pub fn record(&self, quality: &Quality, control: Option<FrameControl>, frame: &FrameReport) {
+    pub fn record(&self, quality: &Quality, control: Option<&FrameControl>, frame: &FrameReport) {
         self.take_recorded();
         record_frame(&self.recorder, frame, quality, control);
     }

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::report::trace::{comparison_text, frame_text, summary_text};
+use crate::report::trace::{comparison_text, frame_text, late_text, summary_text};
 use diptych::trace::compare::Comparison;
+use diptych::trace::late::LateSummary;
 use diptych::trace::read::read;
 use diptych::trace::summary::{FrameDetail, Summary};
 use serde::Serialize;
@@ -19,6 +20,9 @@ pub struct Args {
     /// Print one frame and its critical path step by step
     #[arg(long, value_name = "N", conflicts_with = "other")]
     frame: Option<u64>,
+    /// Print the late frames of `play`, with their causes
+    #[arg(long, conflicts_with_all = ["other", "frame"])]
+    late: bool,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -31,6 +35,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let other = read(path)?;
         let comparison = Comparison::of([(&trace, &name(&args.file)), (&other, &name(path))])?;
         return show(args, &comparison, comparison_text);
+    }
+    if args.late {
+        return show(args, &LateSummary::of(&trace, &name(&args.file))?, late_text);
     }
     match args.frame {
         Some(frame) => show(args, &FrameDetail::of(&trace, frame, &name(&args.file))?, frame_text),

@@ -122,6 +122,7 @@ mod tests {
             begin_ms,
             end_ms,
             bytes: None,
+            predicted_ms: None,
             submissions: 1,
             transfer: None,
             number: 0,

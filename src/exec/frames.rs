@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::inputs::Inputs;
-use super::messages::{Answer, FrameJob, Pixels, Stop, Work};
+use super::messages::{Answer, FrameJob, Pixels, Stop, TaskTime, Work};
 use super::output::Output;
 use super::plan::Plan;
 use super::plausibility::check;
@@ -34,6 +34,8 @@ pub struct InFlight {
     pub report: FrameReport,
     pub attempt: Attempt,
     graph: Arc<FrameGraph>,
+    /// Predicted time of each device's tasks, in milliseconds; empty if unknown.
+    tasks_ms: Vec<Vec<f64>>,
     ticket: u64,
     /// Time limit that its workers received with their orders. The current limit may be shorter.
     limit: Duration,
@@ -162,13 +164,23 @@ impl Frames {
         if let Some(before) = self.in_flight.back_mut() {
             (before.report.overlapped, before.report.predicted_ms) = (true, None);
         }
-        self.in_flight.push_back(InFlight { inputs, report, attempt, graph, ticket, limit, injections });
+        self.in_flight.push_back(InFlight {
+            inputs,
+            report,
+            attempt,
+            graph,
+            tasks_ms: Vec::new(),
+            ticket,
+            limit,
+            injections,
+        });
     }
 
-    /// Records the predicted makespan of the frame that was dispatched last; `None` if it is unknown.
-    pub fn predict_last(&mut self, makespan_ms: Option<f64>) {
+    /// Records the predicted makespan of the frame that was dispatched last, `None` if it is unknown, and the predicted
+    /// time of each device's tasks.
+    pub fn predict_last(&mut self, makespan_ms: Option<f64>, tasks_ms: Vec<Vec<f64>>) {
         if let Some(frame) = self.in_flight.back_mut() {
-            frame.report.predicted_ms = makespan_ms;
+            (frame.report.predicted_ms, frame.tasks_ms) = (makespan_ms, tasks_ms);
         }
     }
 
@@ -220,7 +232,9 @@ impl Frames {
                         all.buffers = reply.buffers.into_iter().collect();
                     }
                     frame.report.clock_residuals_us.push((device, reply.clock_residual_us));
-                    let timing = |time| TaskTiming::of(&frame.graph, device, time);
+                    let tasks_ms = frame.tasks_ms.get(device);
+                    let predicted_ms = |time: &TaskTime| tasks_ms.and_then(|tasks| tasks.get(time.task)).copied();
+                    let timing = |time| TaskTiming::of(&frame.graph, device, time, predicted_ms(time));
                     frame.report.tasks.extend(reply.times.iter().filter_map(timing));
                 }
                 Ok(Answer::Pixels(_)) => {}

@@ -28,6 +28,9 @@ pub struct TaskTiming {
     pub end_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
+    /// Duration that the cost model predicted; absent before it has learned from a frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub predicted_ms: Option<f64>,
     /// Number of submissions that the task was split into.
     pub submissions: u32,
     /// Number of the transfer within its frame. The download and the upload of a transfer have the same number.
@@ -43,7 +46,7 @@ pub struct TaskTiming {
 
 impl TaskTiming {
     /// Describes a task whose execution time a device has measured. Returns `None` for the stitch, which takes no time.
-    pub(super) fn of(graph: &FrameGraph, device: usize, time: &TaskTime) -> Option<Self> {
+    pub(super) fn of(graph: &FrameGraph, device: usize, time: &TaskTime, predicted_ms: Option<f64>) -> Option<Self> {
         let task = graph.tasks_of(device).get(time.task)?;
         let kind = graph.timed(task)?;
         let (stage, transfer) = match task.kind {
@@ -56,7 +59,21 @@ impl TaskTiming {
         let TaskTime { begin_ms, end_ms, bytes, submissions, .. } = *time;
         let (view, device, rows) = (task.view, task.device, task.rows.clone());
         let (number, after) = (time.task, graph.dependencies(device, time.task));
-        Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, submissions, transfer, number, after })
+        Some(Self {
+            stage,
+            kind,
+            view,
+            device,
+            rows,
+            begin_ms,
+            end_ms,
+            bytes,
+            predicted_ms,
+            submissions,
+            transfer,
+            number,
+            after,
+        })
     }
 }
 

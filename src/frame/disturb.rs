@@ -80,6 +80,14 @@ impl Disturbance {
         }
     }
 
+    /// Returns true if frame `index` is disturbed.
+    pub fn is_at(&self, index: u32) -> bool {
+        match self {
+            Self::Device(injection) => injection.frames.contains(&index),
+            Self::SceneCut { frame } => *frame == index,
+        }
+    }
+
     /// Returns the fault of a device; `None` if no device is disturbed.
     pub fn injection(&self) -> Option<&Injection> {
         match self {

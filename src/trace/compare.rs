@@ -130,6 +130,7 @@ mod tests {
                 rows: None,
                 transfer: None,
                 order: None,
+                predicted_us: None,
                 submissions: None,
                 bytes: (lane == Lane::Upload).then_some(bytes),
             };

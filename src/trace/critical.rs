@@ -198,8 +198,8 @@ mod tests {
     fn task(pid: u32, lane: Lane, name: &str, [begin_ms, end_ms]: [f64; 2], transfer: Option<u64>) -> Task {
         let (begin_us, end_us) = (begin_ms * 1e3, end_ms * 1e3);
         let (name, frame) = (name.to_owned(), Some(0));
-        let (rows, bytes, submissions, order) = (None, None, None, None);
-        Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, submissions, order }
+        let (rows, bytes, predicted_us, submissions, order) = (None, None, None, None, None);
+        Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, predicted_us, submissions, order }
     }
 
     /// Returns name, device, begin and end in milliseconds of each stretch.

@@ -3,26 +3,34 @@
 use std::collections::HashMap;
 
 use super::critical::{What, critical_path};
-use super::event::{Track, args_from};
+use super::event::{Args, Track, args_from};
+use super::late::Presented;
+use super::summary::Step;
 use super::work::{Frame, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::passes::path_trace::PARTITION;
-use crate::quality::Quality;
+use crate::quality::{FrameQuality, Quality};
 use crate::scene::rig::Eye;
 
 /// Rung that the controller chose for a frame, and the frame budget.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct FrameControl {
     /// Rung of the quality ladder, from 0.
     pub rung: usize,
     /// Lower and upper end of the budget, ms.
     pub budget_ms: [f64; 2],
+    /// Makespan that the controller expected; NaN if it knew none.
+    pub expected_ms: f64,
+    /// True if any rung was expected to fit the budget.
+    pub fits: bool,
+    /// Deadline of the frame, if it was to appear on a display.
+    pub shown: Option<Presented>,
 }
 
 /// Records a frame with its tasks, arrows and counters, and flushes the file. Recorder and renderer must count times
 /// from the same origin.
-pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality, control: Option<FrameControl>) {
+pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality, control: Option<&FrameControl>) {
     if !recorder.is_on() {
         return;
     }
@@ -30,6 +38,10 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
     let spp = ("spp", quality.spp.mean());
     let mut args = args_from(&[("frame", time.frame as f64), spp]);
     args.insert("devices".to_owned(), numbers_text(&report.devices).as_str().into());
+    if let Some((control, shown)) = control.and_then(|c| Some((c, c.shown.as_ref()?))) {
+        let args = presented_args(report, quality, control, shown);
+        recorder.presented(report.slot, [time.begin_us, time.end_us], report.index, shown, args);
+    }
     recorder.frame(report.slot, time.begin_us, time.end_us, args);
     for task in &tasks {
         record_task(recorder, task, spp);
@@ -44,6 +56,32 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
     recorder.flush();
 }
 
+/// Returns the arguments of a frame on a display: what was expected of it, and what happened.
+fn presented_args(report: &FrameReport, quality: &Quality, control: &FrameControl, shown: &Presented) -> Args {
+    let Presented { deadline, cause, event, others } = shown;
+    let [before_ms, after_ms] = deadline.host_ms(report);
+    let known = [
+        Some(("frame", report.index.into())),
+        Some(("over_deadline_ms", deadline.over_ms())),
+        Some(("whole_ms", deadline.whole_ms())),
+        Some(("host_before_ms", before_ms)),
+        Some(("makespan_ms", report.makespan_ms)),
+        Some(("host_after_ms", after_ms)),
+        Some(("period_ms", deadline.period_ms())),
+        Some(("missed_periods", deadline.missed_periods.into())),
+        Some(("rung", control.rung as f64)),
+        Some(("expected_ms", control.expected_ms)).filter(|(_, ms)| ms.is_finite()),
+        report.predicted_ms.map(|ms| ("predicted_ms", ms)),
+        others.map(|share| ("others_share", share)),
+    ];
+    let mut args = args_from(&known.into_iter().flatten().collect::<Vec<_>>());
+    let quality = Some(FrameQuality::from(quality).to_string());
+    for (name, text) in [("quality", &quality), ("disturbance", event), ("cause", cause)] {
+        args.extend(text.as_deref().map(|text| (name.to_owned(), text.into())));
+    }
+    args
+}
+
 fn note_residual(recorder: &Recorder, device: usize, residual_us: f64) {
     recorder.note_residual(&format!("device_{device}"), residual_us);
 }
@@ -54,10 +92,22 @@ pub fn trace_from(reports: &[FrameReport]) -> Trace {
     Trace { tasks: tasks_from(reports), frame_times, ..Trace::default() }
 }
 
+/// Returns the critical path of a frame with these tasks.
+pub fn path(tasks: &[TaskTiming], begin_ms: f64, makespan_ms: f64) -> Vec<Step> {
+    let tasks = in_order(tasks.iter().map(|timing| task_from(timing, 0)));
+    let (begin_us, end_us) = (begin_ms * 1e3, (begin_ms + makespan_ms) * 1e3);
+    let time = FrameTime { frame: 0, begin_us, end_us, devices: None };
+    Step::path(&Frame { time, tasks: tasks.iter().collect() })
+}
+
 /// Returns the frames' tasks in order of begin.
 fn tasks_from(reports: &[FrameReport]) -> Vec<Task> {
     let timings = reports.iter().flat_map(|report| report.tasks.iter().map(|timing| (timing, report.index)));
-    let mut tasks: Vec<Task> = timings.map(|(timing, frame)| task_from(timing, frame)).collect();
+    in_order(timings.map(|(timing, frame)| task_from(timing, frame)))
+}
+
+fn in_order(tasks: impl Iterator<Item = Task>) -> Vec<Task> {
+    let mut tasks: Vec<Task> = tasks.collect();
     tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
     tasks
 }
@@ -92,6 +142,7 @@ fn task_from(timing: &TaskTiming, frame: u32) -> Task {
         rows: Some(timing.rows.start.into()..timing.rows.end.into()),
         transfer: timing.transfer.map(u64::from),
         bytes: timing.bytes,
+        predicted_us: timing.predicted_ms.map(|ms| ms * 1e3),
         submissions: matches!(timing.kind, TimedTask::Gpu(_)).then_some(timing.submissions.into()),
         order: Some(Order { number: timing.number as u64, after: timing.after.iter().map(place).collect() }),
     }
@@ -108,6 +159,7 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
         ("task", task.order.as_ref().map(|order| order.number)),
     ];
     let mut args: Vec<(&str, f64)> = numbers.iter().filter_map(|&(name, n)| Some((name, n? as f64))).collect();
+    args.extend(task.predicted_us.map(|us| ("predicted_ms", us / 1e3)));
     if !task.lane.is_transfer() {
         args.push(spp);
     }
@@ -159,10 +211,10 @@ fn record_critical_path(recorder: &Recorder, frame: &Frame) {
     recorder.flow(arrow(frame, u32::MAX), "critical path", &points);
 }
 
-fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, control: Option<FrameControl>) {
+fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, control: Option<&FrameControl>) {
     let at_us = frame.begin_ms * 1e3;
     let mut times = vec![("makespan", frame.makespan_ms)];
-    if let Some(FrameControl { rung, budget_ms: [lo_ms, hi_ms] }) = control {
+    if let Some(&FrameControl { rung, budget_ms: [lo_ms, hi_ms], .. }) = control {
         times.extend([("budget_lo", lo_ms), ("budget_hi", hi_ms)]);
         recorder.counter("rung", at_us, &[("rung", rung as f64)]);
     }
@@ -226,8 +278,9 @@ mod tests {
 
     fn task(pid: u32, lane: Lane, [begin_us, end_us]: [f64; 2], order: Order) -> Task {
         let (name, transfer) = ("rows".to_owned(), lane.is_transfer().then_some(5));
-        let (frame, rows, bytes, submissions) = (Some(0), None, None, None);
-        Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, submissions, order: Some(order) }
+        let (frame, rows, bytes, order) = (Some(0), None, None, Some(order));
+        let (predicted_us, submissions) = (None, None);
+        Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, predicted_us, submissions, order }
     }
 
     /// The upload begins before the download by the clock of another rank, and ends before it in the second case.

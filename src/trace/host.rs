@@ -17,7 +17,7 @@ use tracing_subscriber::Registry;
 use tracing_subscriber::layer::SubscriberExt;
 
 use super::event::{Arg, Event, Kind, Track};
-use super::{FRAMES_TRACK, FRAMES_TRACKS, TraceError};
+use super::{FIRST_THREAD_TID, TraceError};
 
 /// Host spans that are being recorded.
 pub struct HostSpans {
@@ -129,7 +129,7 @@ impl Spans {
     }
 
     fn event(&mut self, mut record: Record) -> Option<Event> {
-        let track = Track { pid: self.pid, tid: (FRAMES_TRACK.tid + FRAMES_TRACKS).checked_add(record.tid)? };
+        let track = Track { pid: self.pid, tid: FIRST_THREAD_TID.checked_add(record.tid)? };
         if record.ph == "M" {
             return Some(Event::thread_name(track, record.args.get("name")?));
         }
@@ -188,7 +188,7 @@ mod tests {
 {"args":{"message":"late"},"cat":"16000 0","name":"event src/a.rs:7","ph":"i","pid":1,"s":"t","tid":1,"ts":7.0}
 ]"#;
         let found = events(&mut spans, [first, second]);
-        let track = |tid| Track { pid: HOST_PID, tid: FRAMES_TRACK.tid + FRAMES_TRACKS + tid };
+        let track = |tid| Track { pid: HOST_PID, tid: FIRST_THREAD_TID + tid };
         let number = |name: &str, value: f64| (name.to_owned(), Arg::Number(value));
         let event = |kind, name: &str, tid, time_us, args: &[(String, Arg)]| {
             let args = args.iter().cloned().collect();

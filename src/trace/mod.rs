@@ -13,6 +13,7 @@ pub mod frames;
 mod growing;
 mod host;
 pub mod intervals;
+pub mod late;
 mod median;
 pub mod rank_transfers;
 pub mod read;
@@ -37,9 +38,13 @@ pub const FIRST_RANK_PID: u32 = 100;
 /// Track of frames, from planning to the complete images on the primary.
 pub const FRAMES_TRACK: Track = Track { pid: HOST_PID, tid: 1 };
 const FRAMES_NAME: &str = "frames";
-/// Number of tracks for frames. Frames in flight overlap, so they cannot share a track. The tracks of threads have the
-/// numbers that follow.
+/// Number of tracks for frames. Frames in flight overlap, so they cannot share a track.
 const FRAMES_TRACKS: u32 = 4;
+/// Track of the time that each frame has on a display, and of missed deadlines.
+const DEADLINES_TRACK: Track = Track { pid: HOST_PID, tid: FRAMES_TRACK.tid + FRAMES_TRACKS };
+const DEADLINES_NAME: &str = "deadlines";
+/// Number of the first thread's track; the others follow.
+const FIRST_THREAD_TID: u32 = DEADLINES_TRACK.tid + 1;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TraceError {
@@ -55,6 +60,8 @@ pub enum TraceError {
     Event { path: String, index: usize, what: String },
     #[error("'{path}' has no frames of diptych devices: give a trace recorded by a diptych run")]
     NoFrames { path: String },
+    #[error("'{path}' has no deadlines: give a trace of `diptych play`")]
+    NoDeadlines { path: String },
     #[error("'{path}' has no frame {frame}: it has {count} frames, from {first} to {last}")]
     NoSuchFrame { path: String, frame: u64, count: usize, first: u64, last: u64 },
 }

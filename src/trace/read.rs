@@ -10,6 +10,7 @@ use serde_json::{Map, Value};
 
 use super::document::raw_trace_from_bytes;
 use super::event_fields::{Fields, TrackKey, check_counter, check_finite, whole};
+use super::late::DisplayedFrame;
 use super::rank_transfers::{HostSpan, rank_transfers};
 use super::recorder::RANK_HOST;
 use super::work::{Device, FrameTime, Order, Task, Trace};
@@ -93,12 +94,15 @@ impl Reader {
         self.check_balance()?;
         let spans = std::mem::take(&mut self.spans);
         let (mut device_spans, mut frame_times, mut foreign_pids) = (Vec::new(), Vec::new(), BTreeSet::new());
-        let mut host_spans = Vec::new();
+        let (mut host_spans, mut deadlines) = (Vec::new(), Vec::new());
         for span in spans {
             if let Some(lane) = self.device_lane(&span.track) {
                 device_spans.push((lane, span));
-            } else if self.is_frame(&span) {
-                frame_times.extend(frame_time(&span).map_err(|what| (span.index, what))?);
+            } else if self.is_of_frames(&span.track) {
+                match span.name.as_str() {
+                    "frame" => frame_times.extend(frame_time(&span).map_err(|what| (span.index, what))?),
+                    _ => deadlines.extend(displayed(&span).map_err(|what| (span.index, what))?),
+                }
             } else if self.is_host(&span.track.0) {
                 let Span { name, begin_us, end_us, args, .. } = span;
                 host_spans.push(HostSpan { name, begin_us, end_us, args });
@@ -108,7 +112,8 @@ impl Reader {
         }
         let warnings = self.warnings(&foreign_pids);
         let passages = rank_transfers(host_spans);
-        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans, residual_us)?, frame_times, passages, warnings })
+        let (devices, tasks) = (self.devices(), tasks(device_spans, residual_us)?);
+        Ok(Trace { devices, tasks, frame_times, deadlines, passages, warnings })
     }
 
     fn event(&mut self, index: usize, mut event: Map<String, Value>) -> Result<(), String> {
@@ -206,10 +211,10 @@ impl Reader {
         pid == HOST_PID.to_string() || self.process_names.get(pid).is_some_and(|name| name.starts_with(RANK_HOST))
     }
 
-    fn is_frame(&self, span: &Span) -> bool {
-        span.name == "frame"
-            && span.track.0 == HOST_PID.to_string()
-            && self.thread_names.get(&span.track).is_some_and(|name| name == FRAMES_NAME)
+    /// Returns true for tracks of frames: `frames`, `frames 2` and so on.
+    fn is_of_frames(&self, track: &TrackKey) -> bool {
+        track.0 == HOST_PID.to_string()
+            && self.thread_names.get(track).is_some_and(|name| name.starts_with(FRAMES_NAME))
     }
 
     fn devices(&self) -> BTreeMap<u32, Device> {
@@ -281,6 +286,7 @@ fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
         rows: rows.map(|(begin, count)| begin..begin.saturating_add(count)),
         transfer: whole("transfer")?,
         bytes: whole("bytes")?,
+        predicted_us: span.args["predicted_ms"].as_f64().map(|ms| ms * 1e3),
         submissions: whole("submissions")?,
         order: order(&span.args).map_err(wrong)?,
         name: span.name,
@@ -306,6 +312,33 @@ fn frame_time(span: &Span) -> Result<Option<FrameTime>, String> {
     let devices = devices(&span.args)?;
     let frame = whole(&span.args, "frame")?;
     Ok(frame.map(|frame| FrameTime { frame, begin_us: span.begin_us, end_us: span.end_us, devices }))
+}
+
+/// Returns the frame on a display that `span` records; `None` if the span is another.
+fn displayed(span: &Span) -> Result<Option<DisplayedFrame>, String> {
+    if span.args.get("over_deadline_ms").is_none() {
+        return Ok(None);
+    }
+    check_finite(&span.args)?;
+    let known = |name: &str| span.args[name].as_f64();
+    let ms = |name: &str| known(name).ok_or_else(|| format!("it needs a number '{name}' beside 'over_deadline_ms'"));
+    let whole = |name| whole(&span.args, name);
+    let text = |name: &str| span.args[name].as_str().map(ToOwned::to_owned);
+    Ok(Some(DisplayedFrame {
+        frame: whole("frame")?.ok_or("it needs a number 'frame' beside 'over_deadline_ms'")?,
+        over_deadline_ms: ms("over_deadline_ms")?,
+        period_ms: ms("period_ms")?,
+        whole_ms: ms("whole_ms")?,
+        host_before_ms: ms("host_before_ms")?,
+        makespan_ms: ms("makespan_ms")?,
+        host_after_ms: ms("host_after_ms")?,
+        missed_periods: whole("missed_periods")?.unwrap_or(0),
+        rung: whole("rung")?,
+        expected_ms: known("expected_ms"),
+        others_share: known("others_share"),
+        disturbance: text("disturbance"),
+        cause: text("cause"),
+    }))
 }
 
 /// Returns the devices of a frame as a bit mask. The argument `devices` lists their numbers, as in `0,2`. Older traces

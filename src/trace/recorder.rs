@@ -1,6 +1,6 @@
 //! Records device times, host spans, counters and arrows.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -9,10 +9,17 @@ use serde_json::{Map, Value};
 use super::event::{Args, Event, FlowStep, Kind, Track, args_from};
 use super::growing::GrowingDocument;
 use super::host::{HostSpans, Spans};
-use super::{FIRST_DEVICE_PID, FIRST_RANK_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
+use super::late::{Deadline, Presented};
+use super::{
+    DEADLINES_NAME, DEADLINES_TRACK, FIRST_DEVICE_PID, FIRST_RANK_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS,
+    HOST_PID, Lane, TraceError,
+};
 
 /// Prefix of the names of other ranks' processes. The number of the rank follows.
 pub(super) const RANK_HOST: &str = "host of rank ";
+
+/// Maximum number of missed periods that a frame marks; after a long pause there may be thousands.
+const MISSED_MAX: u32 = 100;
 
 /// Handle for writing to the trace of a run from any thread. Clones write to the same trace.
 #[derive(Clone)]
@@ -31,6 +38,8 @@ pub(super) struct Log {
     /// Host spans of this process and of other ranks, by process.
     spans: BTreeMap<u32, Spans>,
     notes: Map<String, Value>,
+    /// Tracks of frames and deadlines that have names.
+    named: BTreeSet<Track>,
     /// Number of dropped events, whose times were not finite or ran backwards.
     dropped_events: u64,
     /// First write error; no write was attempted after it.
@@ -54,10 +63,6 @@ impl Recorder {
         (log.document, log.host) = (Some(document), host);
         log.push(Event::process_name(HOST_PID, "host"));
         log.push(Event::process_sort_index(HOST_PID, HOST_PID));
-        for track in (0..FRAMES_TRACKS).map(frames_track) {
-            log.push(Event::thread_name(track, FRAMES_NAME));
-            log.push(Event::thread_sort_index(track, track.tid));
-        }
         log.write(false);
     }
 
@@ -118,7 +123,59 @@ impl Recorder {
     /// Records a frame on the host's frame track number `slot`: frames in flight overlap, so each slot has a track of
     /// its own. `args` should hold the frame's number as `frame`.
     pub fn frame(&self, slot: usize, begin_us: f64, end_us: f64, args: Args) {
-        self.span(frames_track(slot as u32 % FRAMES_TRACKS), "frame", "frame", begin_us, end_us, args);
+        self.span(self.frames_track(slot), "frame", "frame", begin_us, end_us, args);
+    }
+
+    /// Records a frame on a display: the time that it had, its deadline and the refreshes that it missed on a track of
+    /// their own, and around its [`Self::frame`] its whole time, with the host time before and after the frame. The name
+    /// of a late frame tells how late it was and why.
+    pub(super) fn presented(
+        &self,
+        slot: usize,
+        [begin_us, end_us]: [f64; 2],
+        frame: u32,
+        shown: &Presented,
+        args: Args,
+    ) {
+        let Presented { deadline, cause, .. } = shown;
+        let Deadline { refresh_ms, started_ms, complete_ms, due_ms, missed_periods } = *deadline;
+        let name = cause.as_ref().map_or_else(
+            || format!("frame {frame}"),
+            |cause| format!("frame {frame}, late {:.1} ms: {cause}", deadline.over_ms()),
+        );
+        let (track, had) = (self.frames_track(slot), self.track(DEADLINES_TRACK, DEADLINES_NAME.to_owned()));
+        let [started_us, complete_us] = [started_ms * 1e3, complete_ms * 1e3];
+        self.span(track, "frame", &name, started_us, complete_us.max(end_us), args.clone());
+        self.span(track, "host", "before the frame", started_us, begin_us, Args::new());
+        self.span(track, "host", "after the frame", end_us, complete_us, Args::new());
+        self.span(had, "deadline", &format!("frame {frame}"), refresh_ms * 1e3, due_ms * 1e3, args);
+        self.instant(had, "deadline", due_ms * 1e3);
+        for period in 0..missed_periods.min(MISSED_MAX) {
+            let at_ms = due_ms + deadline.period_ms() * f64::from(period);
+            self.instant(had, &format!("frame {frame} late: missed period"), at_ms * 1e3);
+        }
+    }
+
+    fn instant(&self, track: Track, name: &str, time_us: f64) {
+        let (name, args) = (name.to_owned(), Args::new());
+        self.push(|| [Event { kind: Kind::Instant, name, category: "deadline", track, time_us, args }]);
+    }
+
+    /// Returns the track of a slot, with a name.
+    fn frames_track(&self, slot: usize) -> Track {
+        let number = slot as u32 % FRAMES_TRACKS;
+        let name = if number == 0 { FRAMES_NAME.to_owned() } else { format!("{FRAMES_NAME} {}", number + 1) };
+        self.track(Track { tid: FRAMES_TRACK.tid + number, ..FRAMES_TRACK }, name)
+    }
+
+    /// Names a track of the host on its first use, so that unused tracks do not appear.
+    fn track(&self, track: Track, name: String) -> Track {
+        if let Some(mut log) = self.lock().filter(|log| !log.named.contains(&track)) {
+            log.named.insert(track);
+            log.push(Event::thread_name(track, &name));
+            log.push(Event::thread_sort_index(track, track.tid));
+        }
+        track
     }
 
     fn span(&self, track: Track, category: &'static str, name: &str, begin_us: f64, end_us: f64, args: Args) {
@@ -263,8 +320,4 @@ fn has_sane_times(event: &Event) -> bool {
         _ => 0.0,
     };
     event.time_us.is_finite() && duration_us.is_finite() && duration_us >= 0.0
-}
-
-fn frames_track(number: u32) -> Track {
-    Track { tid: FRAMES_TRACK.tid + number, ..FRAMES_TRACK }
 }

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
-use super::critical::{What, critical_path};
+use super::critical::{Stretch, What, critical_path};
 use super::intervals::{Interval, length, length_in_two_or_more, shared_length, union};
 pub use super::median::median;
 use super::rank_transfers::RankTransferSummary;
@@ -112,6 +112,9 @@ pub struct Step {
     /// Time since the frame's begin.
     pub begin_ms: f64,
     pub time_ms: f64,
+    /// Duration that the cost model predicted for the task, if known.
+    #[serde(default)]
+    pub predicted_ms: Option<f64>,
     /// Rows of the task: the first, and the one after the last; none for a wait.
     pub rows: Option<[u64; 2]>,
 }
@@ -154,17 +157,31 @@ impl FrameDetail {
             let (first, last, count) = (first.time.frame, last.time.frame, frames.len());
             return Err(TraceError::NoSuchFrame { path, frame: number, count, first, last });
         };
-        let steps = critical_path(frame).into_iter().map(|stretch| {
+        let summary = sum_up(trace, std::slice::from_ref(frame), trace.warnings.clone());
+        Ok(FrameDetail { steps: Step::path(frame), summary })
+    }
+}
+
+impl Step {
+    /// Returns the critical path of a frame.
+    pub fn path(frame: &Frame<'_>) -> Vec<Self> {
+        let step = |stretch: Stretch<'_>| {
             let (what, lane) = name(&stretch.what);
-            let rows = match stretch.what {
-                What::Task(task) => task.rows.as_ref().map(|rows| [rows.start, rows.end]),
+            let task = match stretch.what {
+                What::Task(task) => Some(task),
                 What::Wait(_) => None,
             };
-            let begin_ms = (stretch.begin_us - frame.time.begin_us) / 1000.0;
-            Step { what, lane, pid: stretch.pid, begin_ms, time_ms: (stretch.end_us - stretch.begin_us) / 1000.0, rows }
-        });
-        let summary = sum_up(trace, std::slice::from_ref(frame), trace.warnings.clone());
-        Ok(FrameDetail { steps: steps.collect(), summary })
+            Self {
+                what,
+                lane,
+                pid: stretch.pid,
+                begin_ms: (stretch.begin_us - frame.time.begin_us) / 1000.0,
+                time_ms: (stretch.end_us - stretch.begin_us) / 1000.0,
+                predicted_ms: task.and_then(|task| task.predicted_us).map(|us| us / 1000.0),
+                rows: task.and_then(|task| task.rows.as_ref()).map(|rows| [rows.start, rows.end]),
+            }
+        };
+        critical_path(frame).into_iter().map(step).collect()
     }
 }
 

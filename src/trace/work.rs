@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::intervals::Interval;
+use super::late::DisplayedFrame;
 use super::rank_transfers::RankTransfer;
 use super::{FIRST_DEVICE_PID, Lane};
 
@@ -23,6 +24,8 @@ pub struct Task {
     /// Number of the transfer within its frame, which its download and its upload share.
     pub transfer: Option<u64>,
     pub bytes: Option<u64>,
+    /// Duration that the cost model predicted, if it had learned from frames.
+    pub predicted_us: Option<f64>,
     /// Number of submissions that the task was split over, if recorded.
     pub submissions: Option<u64>,
     /// Position in the graph of its frame; files of earlier versions lack it.
@@ -73,6 +76,8 @@ pub struct Trace {
     pub tasks: Vec<Task>,
     /// Times of the frames; frames whose times are not recorded are missing.
     pub frame_times: Vec<FrameTime>,
+    /// Frames on a display, in order of their starts.
+    pub deadlines: Vec<DisplayedFrame>,
     /// Transfers of rows from rank to rank.
     pub passages: Vec<RankTransfer>,
     /// Anomalies of the trace that are not errors, each reported once.

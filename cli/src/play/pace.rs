@@ -2,12 +2,16 @@
 
 use std::time::{Duration, Instant};
 
+use diptych::trace::late::Deadline;
+
 /// Starts frames at the refreshes of a simulated display, which refreshes once per period. A frame is due at the next
 /// refresh, and shown at the first one at which it is complete; there the next frame starts.
 pub struct Pace {
     period: Duration,
     /// The refresh at which the current frame is due.
     due: Instant,
+    /// Time at which the current frame started.
+    started: Instant,
     /// The number of periods that the last frame missed.
     missed: u32,
 }
@@ -20,15 +24,16 @@ impl Pace {
     }
 
     fn from(now: Instant, period: Duration) -> Self {
-        Self { period, due: now + period, missed: 0 }
+        Self { period, due: now + period, started: now, missed: 0 }
     }
 
     /// Waits until the next frame starts. Returns its delay in ms: the difference to one period after the start of the
     /// frame before it.
-    pub fn wait(&self) -> f64 {
+    pub fn wait(&mut self) -> f64 {
         let start = self.start();
         std::thread::sleep(start.saturating_duration_since(Instant::now()));
-        let overslept = Instant::now() - start;
+        self.started = Instant::now();
+        let overslept = self.started - start;
         (overslept + self.period.saturating_mul(self.missed)).as_secs_f64() * 1e3
     }
 
@@ -37,17 +42,25 @@ impl Pace {
         self.due - self.period
     }
 
-    /// Returns the number of display periods that the frame, which is now complete, has missed. Call this once for each
-    /// frame.
-    pub fn complete(&mut self) -> u32 {
-        self.complete_at(Instant::now())
+    /// Returns the times of the frame, which is now complete, in milliseconds since `origin`, and the number of periods
+    /// that it missed. Call this once for each frame.
+    pub fn complete(&mut self, origin: Instant) -> Deadline {
+        self.complete_at(Instant::now(), origin)
     }
 
-    fn complete_at(&mut self, now: Instant) -> u32 {
+    fn complete_at(&mut self, now: Instant, origin: Instant) -> Deadline {
         let overrun = now.saturating_duration_since(self.due).as_nanos();
         self.missed = u32::try_from(overrun.div_ceil(self.period.as_nanos())).unwrap_or(u32::MAX - 1);
+        let since_ms = |at: Instant| at.saturating_duration_since(origin).as_secs_f64() * 1e3;
+        let deadline = Deadline {
+            refresh_ms: since_ms(self.start()),
+            started_ms: since_ms(self.started),
+            complete_ms: since_ms(now),
+            due_ms: since_ms(self.due),
+            missed_periods: self.missed,
+        };
         self.due += self.period.saturating_mul(self.missed + 1);
-        self.missed
+        deadline
     }
 
     /// Starts the next frame now.
@@ -65,7 +78,7 @@ mod tests {
     fn missed<const N: usize>(complete: [f64; N]) -> [u32; N] {
         let (begin, period) = (Instant::now(), Duration::from_millis(10));
         let mut pace = Pace::from(begin, period);
-        complete.map(|periods| pace.complete_at(begin + period.mul_f64(periods)))
+        complete.map(|periods| pace.complete_at(begin + period.mul_f64(periods), begin).missed_periods)
     }
 
     #[test]
@@ -92,7 +105,7 @@ mod tests {
             let duration = period.mul_f64(if frame % 20 == 0 { 1.1 + usual } else { usual });
             late += u32::from(duration + delay > period);
             let complete = pace.start() + delay + duration;
-            missed += pace.complete_at(complete);
+            missed += pace.complete_at(complete, begin).missed_periods;
             assert!(pace.start() >= complete && pace.start() - complete <= period);
         }
         assert!(late == 50 && missed >= late, "{late} late frames missed {missed} periods");
@@ -111,7 +124,8 @@ mod tests {
     #[test]
     fn extreme_refresh_rates_do_not_overflow() {
         let mut pace = Pace::new(1e300);
-        assert!(pace.complete_at(Instant::now() + Duration::from_secs(60)) > 0);
-        assert_eq!(Pace::new(1e-300).complete(), 0);
+        let now = Instant::now();
+        assert!(pace.complete_at(now + Duration::from_secs(60), now).missed_periods > 0);
+        assert_eq!(Pace::new(1e-300).complete(now).missed_periods, 0);
     }
 }

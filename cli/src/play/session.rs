@@ -4,18 +4,20 @@ use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::time::Instant;
 
-use crate::report::play::{ControlRow, Play, SizeFit};
+use crate::report::play::{ControlRow, DeadlineRow, Play, SizeFit};
 use crate::report::record::{FrameRecord, SpooledRows};
 use crate::report::rectified::RectifiedFrame;
 use crate::report::run::{FrameRow, RunReport};
-use diptych::control::{ESTIMATES_EV, Ladder, Measure, Origin};
+use diptych::control::{Decision, ESTIMATES_EV, Ladder, Measure, Origin};
 use diptych::exec::ranks::Devices;
 use diptych::exec::{FrameReport, Renderer};
+use diptych::frame::Disturbance;
 use diptych::loaded::LoadedScene;
 use diptych::quality::{Denoiser, FrameQuality, Quality};
 use diptych::scene::rig::Rig;
 use diptych::session::{self, Decided, View, calibrate};
 use diptych::trace::frames::{FrameControl, record_devices};
+use diptych::trace::late::{Deadline, LateCauses, Presented};
 
 use super::fitting_size;
 use super::prepared::Prepared;
@@ -37,6 +39,8 @@ pub struct Session {
     pub warm_up_s: f64,
     live: StatusLines,
     faults: FaultLog,
+    causes: LateCauses,
+    disturb: Vec<Disturbance>,
 }
 
 impl Deref for Session {
@@ -85,6 +89,8 @@ impl Session {
             tracing,
             progress,
             faults: FaultLog::default(),
+            causes: LateCauses::default(),
+            disturb: prepared.render.settings.disturb.clone(),
         })
     }
 
@@ -112,12 +118,31 @@ impl Session {
         index: u32,
     ) -> Result<(FrameRow, FrameReport), Failure> {
         let frame = self.inner.render(decided, rig, time_s, index)?;
-        let (rung, budget_ms) = (decided.decision.rung, self.budget_ms());
-        let quality = self.quality(rung);
-        self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), &frame);
-        let mut row = FrameRow::new(&frame, quality, rig, time_s);
+        let mut row = FrameRow::new(&frame, self.quality(decided.decision.rung), rig, time_s);
         row.control = Some(ControlRow::new(decided, self.budget(), frame.makespan_ms, late_ms));
         Ok((row, frame))
+    }
+
+    /// Adds the deadline of a rendered frame to its row, with the cause if it was missed, and records the frame in the
+    /// trace. Call this once the frame is complete, so that neither counts as its time.
+    pub fn complete(&mut self, row: &mut FrameRow, frame: &FrameReport, decided: Decided, deadline: Option<Deadline>) {
+        let Decision { rung, expected_ms, fits } = decided.decision;
+        let mut control = FrameControl { rung, budget_ms: self.budget_ms(), expected_ms, fits, shown: None };
+        if let Some(deadline) = deadline {
+            row.miss(deadline.missed_periods);
+            let (event, others) = (self.event(frame.index), None);
+            let cause = self.causes.cause(frame, &deadline, &control, event.clone(), others);
+            let shown = control.shown.insert(Presented { deadline, cause, event, others });
+            row.deadline = Some(DeadlineRow::new(frame, shown));
+        }
+        self.tracing.record(self.quality(rung), Some(&control), frame);
+    }
+
+    /// Describes the disturbance or the fault of a frame, if there is one.
+    fn event(&self, index: u32) -> Option<String> {
+        let fault = self.renderer.faults().iter().find(|fault| fault.frame == index);
+        let dropped = fault.map(|fault| format!("device {} dropped: {}", fault.device, fault.kind.name()));
+        dropped.or_else(|| self.disturb.iter().find(|disturbance| disturbance.is_at(index)).map(ToString::to_string))
     }
 
     /// Creates the record of the session's frames, whose files are in `folder`.

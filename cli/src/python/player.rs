@@ -87,10 +87,11 @@ impl Playing {
     /// Renders a frame whose rows a policy in Python took `asked_ms` to distribute.
     fn render(&mut self, renderer: &Renderer, decided: Decided, asked_ms: f64) -> Result<(Images, String), Failure> {
         let Self { session, rig, .. } = self;
-        let late_ms = self.pace.as_ref().map_or(0.0, Pace::wait);
+        let late_ms = self.pace.as_mut().map_or(0.0, Pace::wait);
         let time_s = self.time_s + f64::from(self.next.saturating_add(self.missed)) / self.fps;
         let frame = session.render(decided, rig, time_s, self.next)?;
-        let missed_periods = self.pace.as_mut().map_or(0, Pace::complete);
+        let now = Instant::now();
+        let missed_periods = self.pace.as_mut().map_or(0, |pace| pace.complete(now).missed_periods);
         self.next += 1;
         self.missed = self.missed.saturating_add(missed_periods);
         let mut row = FrameRow::new(&frame, session.quality(decided.decision.rung), rig, time_s);

@@ -18,6 +18,7 @@ use diptych::scene::projection::Matrices;
 use diptych::scene::rig::{Eye, Rig};
 use diptych::session::Decided;
 use diptych::trace::intervals;
+use diptych::trace::late::Presented;
 
 /// Decision of the control loop for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,6 +46,39 @@ impl ControlRow {
         let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
         let in_band = (budget.lo_ms()..=budget.hi_ms()).contains(&makespan_ms);
         Self { rung, expected_ms, fits, in_band, late_ms, decide_ms, missed_periods: 0 }
+    }
+}
+
+/// Time of a frame on a display, from its start until the host had the complete frame, and its deadline.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct DeadlineRow {
+    /// Sum of the makespan and the host time before and after it.
+    pub whole_ms: f64,
+    pub host_before_ms: f64,
+    pub host_after_ms: f64,
+    /// Time by which the frame missed its deadline; negative for a frame in time.
+    pub over_deadline_ms: f64,
+    /// Fraction of the cores that other programs took around the frame, if the system tells.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub others_share: Option<f64>,
+    /// Cause of the missed deadline; absent for a frame in time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cause: Option<String>,
+}
+
+impl DeadlineRow {
+    pub fn new(frame: &FrameReport, shown: &Presented) -> Self {
+        let Presented { deadline, cause, others, .. } = shown;
+        let [host_before_ms, host_after_ms] = deadline.host_ms(frame);
+        Self {
+            whole_ms: deadline.whole_ms(),
+            host_before_ms,
+            host_after_ms,
+            over_deadline_ms: deadline.over_ms(),
+            others_share: *others,
+            cause: cause.clone(),
+        }
     }
 }
 
@@ -148,6 +182,9 @@ pub struct FrameRow {
     /// Decision of the control loop, for frames with a time budget.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlRow>,
+    /// Deadline of the frame, if it was to appear on a display.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub deadline: Option<DeadlineRow>,
     /// Timing in a headset, if the frame was shown in one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub headset: Option<HeadsetRow>,
@@ -199,6 +236,7 @@ impl FrameRow {
             stages: StageSum::of(&frame.tasks),
             tasks: Vec::new(),
             control: None,
+            deadline: None,
             headset: None,
             bodies_left_out: frame.bodies_left_out,
         }

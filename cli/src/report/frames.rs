@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::csv::{self, Column, Csv, number, optional};
-use super::frame_row::{ControlRow, FrameRow};
+use super::frame_row::{ControlRow, DeadlineRow, FrameRow};
 use diptych::exec::RightEye;
 use diptych::quality::FrameQuality;
 
@@ -35,6 +35,8 @@ pub struct FrameLine {
     /// Number of rows of the left eye that each device path traced.
     #[serde(default)]
     pub stripes: Vec<u32>,
+    #[serde(default)]
+    pub deadline: Option<DeadlineRow>,
 }
 
 impl From<&FrameRow> for FrameLine {
@@ -56,6 +58,7 @@ impl From<&FrameRow> for FrameLine {
             transferred_bytes: row.transferred_bytes,
             control: row.control,
             stripes: row.stripes.clone(),
+            deadline: row.deadline.clone(),
         }
     }
 }
@@ -94,6 +97,15 @@ const CONTROL: [Column<FrameLine>; 7] = [
     ("missed_periods", |l| optional(l.control.as_ref().map(|c| c.missed_periods))),
 ];
 
+const DEADLINE: [Column<FrameLine>; 6] = [
+    ("whole_ms", |l| number(l.deadline.as_ref().map(|d| d.whole_ms), 4)),
+    ("host_before_ms", |l| number(l.deadline.as_ref().map(|d| d.host_before_ms), 4)),
+    ("host_after_ms", |l| number(l.deadline.as_ref().map(|d| d.host_after_ms), 4)),
+    ("over_deadline_ms", |l| number(l.deadline.as_ref().map(|d| d.over_deadline_ms), 4)),
+    ("cause", |l| optional(l.deadline.as_ref().and_then(|d| d.cause.as_ref()))),
+    ("others_share", |l| number(l.deadline.as_ref().and_then(|d| d.others_share), 4)),
+];
+
 impl FrameLine {
     /// Returns the contents of `frames.csv`. The control loop's columns, with the rows of each device, are left out if
     /// no line has a decision.
@@ -105,20 +117,21 @@ impl FrameLine {
         let devices = lines.iter().map(|l| l.stripes.len()).max().unwrap_or(0);
         let lines_of_rows = lines.iter().map(|l| l.cells_of_rows(devices).collect()).collect();
         let rows = Csv { columns: columns_of_rows(devices).collect(), lines: lines_of_rows };
-        all.beside(Csv::new(&CONTROL, lines)).beside(rows)
+        all.beside(Csv::new(&CONTROL, lines)).beside(rows).beside(Csv::new(&DEADLINE, lines))
     }
 
     /// Returns the header line, with the control loop's columns, for a file that is written line by line. `devices` is
     /// the number of devices at the start of the run.
     pub fn header(devices: usize) -> Vec<u8> {
         let names = COLUMNS.iter().chain(&CONTROL).map(|(name, _)| (*name).to_owned());
-        csv::line(names.chain(columns_of_rows(devices)))
+        let deadline = DEADLINE.iter().map(|(name, _)| (*name).to_owned());
+        csv::line(names.chain(columns_of_rows(devices)).chain(deadline))
     }
 
     /// Returns the frame's line in a file that begins with [`Self::header`] of as many devices.
     pub fn text(&self, devices: usize) -> Vec<u8> {
         let cells = COLUMNS.iter().chain(&CONTROL).map(|(_, cell)| cell(self));
-        csv::line(cells.chain(self.cells_of_rows(devices)))
+        csv::line(cells.chain(self.cells_of_rows(devices)).chain(DEADLINE.iter().map(|(_, cell)| cell(self))))
     }
 
     fn cells_of_rows(&self, devices: usize) -> impl Iterator<Item = String> {
@@ -181,12 +194,21 @@ mod tests {
                 missed_periods: 24,
             }),
             stripes: vec![25, 0, 27],
+            deadline: Some(DeadlineRow {
+                whole_ms: 28.0,
+                host_before_ms: 29.0,
+                host_after_ms: 30.0,
+                over_deadline_ms: -31.0,
+                cause: Some("late start".into()),
+                others_share: Some(0.25),
+            }),
         };
         let header = "frame,time_s,devices,makespan_ms,interval_ms,predicted_ms,plan_ms,aov_ms,busy_ms,spp,bounces,\
             iterations,scale,fovea_inner,fovea_outer,rays,reprojected_fraction,antialiasing_fraction,hole_fraction,\
-            nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms,missed_periods,rows_dev0,rows_dev1,rows_dev2\n";
+            nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms,missed_periods,rows_dev0,rows_dev1,rows_dev2,\
+            whole_ms,host_before_ms,host_after_ms,over_deadline_ms,cause,others_share\n";
         let numbers = "1,0.25,2,3.0000,4.0000,5.0000,6.0000,7.0000,8.0000,9.25,10,11,0.5,0.12,0.13,14,0.150000,0.160000,\
-            0.170000,18,19,20,21.0000,true,false,22.0000,23.0000,24,25,0,27\n";
+            0.170000,18,19,20,21.0000,true,false,22.0000,23.0000,24,25,0,27,28.0000,29.0000,30.0000,-31.0000,late start,0.2500\n";
         assert_eq!(String::from_utf8(FrameLine::header(3)).unwrap(), header);
         assert_eq!(String::from_utf8(line.text(3)).unwrap(), numbers);
     }

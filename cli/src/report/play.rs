@@ -5,8 +5,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-pub use super::frame_row::ControlRow;
 use super::frame_row::FrameRow;
+pub use super::frame_row::{ControlRow, DeadlineRow};
 use super::quantiles::Quantiles;
 use super::{Table, cell, percent};
 use diptych::control::{Measure, Rung};
@@ -49,6 +49,14 @@ pub struct SizeFit {
     pub played_size: String,
 }
 
+/// Number of frames that were late for the same cause.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct CauseCount {
+    pub cause: String,
+    pub frames: usize,
+}
+
 /// A sequence of consecutive frames above the budget.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -83,6 +91,10 @@ pub struct PlaySummary {
     /// Fraction of display periods that showed no new frame because none was complete: the sum of `missed_periods` over
     /// that sum plus the number of frames.
     pub missed_fraction: f64,
+    /// Fraction of frames that were complete at the refresh at which they were due.
+    pub on_time_share: f64,
+    /// Causes of the other frames with their numbers of frames, the most frequent first.
+    pub late_causes: Vec<CauseCount>,
     pub rung_changes: usize,
     pub longest_excursion: Option<Excursion>,
     pub rung_uses: Vec<RungUse>,
@@ -100,6 +112,8 @@ pub struct Play {
 }
 
 const LATE_MS: f64 = 1.0;
+/// Number of causes of late frames that the summary names.
+const CAUSES_SHOWN: usize = 4;
 
 /// Sums over the frames of a run, in memory that does not grow with their number.
 #[derive(Clone, Debug)]
@@ -151,6 +165,8 @@ impl PlayTally {
             makespan_ms_p99: judged.makespans_ms.quantile(0.99)?,
             late_share: share(judged.late),
             missed_fraction: judged.missed as f64 / (judged.missed + judged.frames as u64) as f64,
+            on_time_share: 1.0 - share(judged.missed_frames),
+            late_causes: judged.late_causes(),
             rung_changes: judged.rung_changes,
             longest_excursion: judged.longest.clone(),
             rung_uses: judged.rungs.iter().map(|(rung, frames)| rung_use(play, *rung, frames, judged.frames)).collect(),
@@ -166,8 +182,10 @@ struct Judged {
     above: usize,
     below: usize,
     late: usize,
-    /// Sum of the missed display periods.
+    /// Sum of the missed display periods, and number of frames that missed any.
     missed: u64,
+    missed_frames: usize,
+    causes: BTreeMap<String, usize>,
     makespans_ms: Quantiles,
     rung_changes: usize,
     last_rung: Option<usize>,
@@ -194,6 +212,10 @@ impl Judged {
         self.in_band += usize::from(control.in_band);
         self.late += usize::from(control.late_ms > LATE_MS);
         self.missed += u64::from(control.missed_periods);
+        self.missed_frames += usize::from(control.missed_periods > 0);
+        if let Some(cause) = row.deadline.as_ref().and_then(|deadline| deadline.cause.as_ref()) {
+            *self.causes.entry(cause.clone()).or_default() += 1;
+        }
         self.makespans_ms.add(row.makespan_ms);
         let changes = self.last_rung.replace(control.rung).is_some_and(|last| last != control.rung);
         self.rung_changes += usize::from(changes);
@@ -211,6 +233,13 @@ impl Judged {
         rung.frames += 1;
         rung.expected_ms.add(control.expected_ms);
     }
+
+    fn late_causes(&self) -> Vec<CauseCount> {
+        let counts = self.causes.iter().map(|(cause, frames)| CauseCount { cause: cause.clone(), frames: *frames });
+        let mut causes: Vec<_> = counts.collect();
+        causes.sort_by_key(|count| std::cmp::Reverse(count.frames));
+        causes
+    }
 }
 
 impl PlaySummary {
@@ -221,6 +250,8 @@ impl PlaySummary {
         let rows = [
             ("budget", format!("{lo_ms} to {hi_ms} ms")),
             ("frames judged", self.judged_frames.to_string()),
+            ("on time", percent(self.on_time_share)),
+            ("late by cause", self.causes_text()),
             ("within the budget or shorter", percent(1.0 - self.above_share)),
             ("display periods missed", percent(self.missed_fraction)),
             ("begun late", percent(self.late_share)),
@@ -233,6 +264,15 @@ impl PlaySummary {
         ];
         let rows = rows.map(|(name, value)| vec![name.to_owned(), value]).into();
         Table { headers: vec!["what", "value"], rows }
+    }
+
+    /// Lists the most frequent causes of late frames with their numbers of frames.
+    fn causes_text(&self) -> String {
+        let (most, others) = self.late_causes.split_at(self.late_causes.len().min(CAUSES_SHOWN));
+        let texts = most.iter().map(|CauseCount { cause, frames }| format!("{frames} by {cause}"));
+        let others: usize = others.iter().map(|count| count.frames).sum();
+        let texts = texts.chain((others > 0).then(|| format!("{others} by other causes")));
+        if most.is_empty() { "none".to_owned() } else { texts.collect::<Vec<_>>().join(", ") }
     }
 
     /// Returns a table of the rungs that were used, cheapest first.
@@ -288,8 +328,10 @@ impl fmt::Display for PlaySummary {
             [1.0 - self.above_share, self.missed_fraction, self.late_share, self.below_share].map(percent);
         let longest =
             self.longest_excursion.as_ref().map_or(String::new(), |most| format!("; longest excursion: {most}"));
-        writeln!(f, "{in_time} of {} frames took at most {hi_ms} ms{longest}", self.judged_frames)?;
+        let on_time = percent(self.on_time_share);
+        writeln!(f, "{on_time} of {} frames were on time; late frames: {}", self.judged_frames, self.causes_text())?;
         writeln!(f, "{missed} of display periods were missed; {late} of frames began late")?;
+        writeln!(f, "{in_time} of frames took at most {hi_ms} ms{longest}")?;
         let [p50, p95, p99] = [self.makespan_ms_p50, self.makespan_ms_p95, self.makespan_ms_p99];
         write!(f, "makespan ms: median {p50:.1}, 95 % {p95:.1}, 99 % {p99:.1}; {} rung changes; ", self.rung_changes)?;
         write!(f, "{below} of frames took less than {lo_ms} ms")

@@ -3,6 +3,7 @@
 use super::{cell, percent, text_table};
 use diptych::trace::Lane;
 use diptych::trace::compare::{Change, Comparison};
+use diptych::trace::late::{CauseSum, DisplayedFrame, LateSummary};
 use diptych::trace::rank_transfers::{RankTransferSummary, TransferStep};
 use diptych::trace::summary::{DeviceSummary, FrameDetail, PathShare, Step, Summary, median};
 
@@ -29,13 +30,57 @@ pub fn frame_text(detail: &FrameDetail) -> String {
     let row = |step: &Step| {
         let rows = step.rows.map_or(String::new(), |[begin, end]| format!("{begin}..{end}"));
         let what = path_name(&step.what, step.lane);
-        vec![ms(step.begin_ms), ms(step.time_ms), device(step.pid, &summary.devices), what, rows]
+        let predicted = cell(step.predicted_ms, 3);
+        vec![ms(step.begin_ms), ms(step.time_ms), predicted, device(step.pid, &summary.devices), what, rows]
     };
     let rows: Vec<_> = detail.steps.iter().map(row).collect();
-    text += &text_table(&["at ms", "ms", "device", "what", "rows"], &rows);
+    text += &text_table(&["at ms", "ms", "predicted", "device", "what", "rows"], &rows);
     text += "\ncritical path, summed\n";
     text += &path_table(summary);
     text + &rank_transfers_text(summary) + &notes(&summary.warnings)
+}
+
+pub fn late_text(found: &LateSummary) -> String {
+    let LateSummary { frames, period_ms, causes, late } = found;
+    let on_time = percent((frames - late.len()) as f64 / *frames as f64);
+    let mut text =
+        format!("{on_time} of {frames} frames on time, {} late; a frame is due every {period_ms:.3} ms\n", late.len());
+    if late.is_empty() {
+        return text;
+    }
+    let row = |sum: &CauseSum| {
+        let (frames, missed) = (sum.frames.to_string(), sum.missed_periods.to_string());
+        vec![sum.cause.clone(), frames, missed, ms(sum.over_deadline_ms), ms(sum.most_ms)]
+    };
+    let headers = ["cause", "frames", "missed periods", "late ms, sum", "most"];
+    text += &format!("\n{}", text_table(&headers, &causes.iter().map(row).collect::<Vec<_>>()));
+    let row = |frame: &DisplayedFrame| {
+        let times = [frame.over_deadline_ms, frame.whole_ms, frame.host_before_ms, frame.makespan_ms];
+        let mut line = vec![frame.frame.to_string()];
+        line.extend(times.map(ms));
+        line.extend([cell(frame.expected_ms, 3), ms(frame.host_after_ms)]);
+        line.push(frame.rung.map_or(String::new(), |rung| rung.to_string()));
+        line.push(frame.others_share.map_or(String::new(), percent));
+        line.push(frame.cause.clone().unwrap_or_default());
+        line
+    };
+    let headers = [
+        "frame",
+        "late ms",
+        "whole ms",
+        "host before",
+        "makespan",
+        "expected",
+        "host after",
+        "rung",
+        "others",
+        "cause",
+    ];
+    text += &format!(
+        "\nlate frames, the latest first\n{}",
+        text_table(&headers, &late.iter().map(row).collect::<Vec<_>>())
+    );
+    text + "\n`diptych trace FILE --frame N` shows the critical path of a frame beside its prediction\n"
 }
 
 pub fn comparison_text(comparison: &Comparison) -> String {

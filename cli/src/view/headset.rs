@@ -208,6 +208,7 @@ impl Show {
         late.begin(index, frame, world);
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
         row.miss(frame.missed);
+        session.complete(&mut row, &report, decided, None);
         let images = pixels(session, headset, DISPLAY)?;
         let distances = headset.takes_depth().then(|| pixels(session, headset, aov_image(0))).transpose()?;
         // Ask for the latched pose only after readback: if the frame is rendered again during readback, it latches a

@@ -62,9 +62,9 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         session.exposure_ev = adaptation.as_mut().map(|adaptation| adaptation.next_ev(passed_s));
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
         let picture = session.read(Renderer::read_display)?;
-        let missed = pace.complete();
-        row.miss(missed);
-        if missed > 0 {
+        let deadline = pace.complete(session.tracing.recorder.origin());
+        session.complete(&mut row, &report, decided, Some(deadline));
+        if deadline.is_missed() {
             // A window shows a frame as soon as it is complete.
             pace.restart();
         }

@@ -69,6 +69,7 @@ fn row(index: u32) -> FrameRow {
             decide_ms: 0.01,
             missed_periods: index % 7 / 5,
         }),
+        deadline: None,
         headset: Some(HeadsetRow {
             display_s: f64::from(index) / 50.0,
             period_ms: 20.0,
@@ -90,6 +91,7 @@ fn task(device: usize) -> TaskTiming {
         begin_ms: 0.0,
         end_ms: 7.25,
         bytes: Some(1),
+        predicted_ms: None,
         submissions: 1,
         transfer: None,
         number: 0,
