@@ -58,12 +58,18 @@ pub fn pictures(note: String, groups: &[Group]) -> Result<Section, Failure> {
 
 const LANES_NOTE: &str = "Each lane is a device and an eye. Each box is a pass on a stripe of rows, timed by the \
     device's clock. Transfers have lanes of their own, timed by the host's clock. The line at the right marks the time \
-    at which the primary has the whole images. The sums below are over devices and eyes.";
+    at which the primary has the whole images. The critical path below the lanes is the chain of tasks and waits that \
+    determines this time; waits are white. The sums at the end are over devices and eyes.";
 
 /// Returns a section with swimlanes. `note` describes the frames; `shown` is the index of the frame that is visible at
-/// first.
-pub fn swimlanes(note: String, frames: &[LaneFrame<'_>], shown: usize) -> Result<Section, Failure> {
-    let figure = Some(lanes(frames, shown).context("cannot encode the tasks of the frames")?);
+/// first. `budget_ms` is marked if the frames have a budget.
+pub fn swimlanes(
+    note: String,
+    frames: &[LaneFrame<'_>],
+    shown: usize,
+    budget_ms: Option<[f64; 2]>,
+) -> Result<Section, Failure> {
+    let figure = Some(lanes(frames, shown, budget_ms).context("cannot encode the tasks of the frames")?);
     Ok(Section { heading: "Swimlanes of a frame", notes: vec![note, LANES_NOTE.to_owned()], figure, table: None })
 }
 

@@ -69,7 +69,7 @@ impl Page<'_> {
         let frames: Vec<LaneFrame> = seen.iter().map(|s| LaneFrame::new(s.name.clone(), &s.frame)).collect();
         let note =
             "The last frame of each setting that is pictured above, rendered once more for this page.".to_owned();
-        let lanes = page::swimlanes(note, &frames, frames.len().saturating_sub(1))?;
+        let lanes = page::swimlanes(note, &frames, frames.len().saturating_sub(1), None)?;
         let mut notes = vec![format!("Reference: {}.", reference.origin)];
         notes.extend(noise.map(|noise| format!("Its noise (smaller errors mean nothing): {noise}.")));
         let settings = shared.into_iter().map(|(name, value)| vec![name.to_owned(), value]);

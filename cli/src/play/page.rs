@@ -40,7 +40,7 @@ pub fn write(
     let makespans_ms: Vec<f64> = samples.frames().iter().map(|f| f.makespan_ms).collect();
     let frames: Vec<LaneFrame> = samples.frames().iter().map(lane_frame).collect();
     let note = "The frame that you choose above or here; initially a frame of median makespan.";
-    sections.push(page::swimlanes(note.to_owned(), &frames, median_frame(&makespans_ms))?);
+    sections.push(page::swimlanes(note.to_owned(), &frames, median_frame(&makespans_ms), Some([lo_ms, hi_ms]))?);
     let settings = Table::of_fields(&report.settings);
     sections.push(Section { heading: "Settings", table: Some(settings), ..Section::default() });
     let devices = Table::of_devices([report.devices.as_slice()]);
@@ -94,7 +94,8 @@ fn budget(
     let figure = figure.context("cannot encode the frames")?;
     let how = "Frame times, with the budget shaded, and samples per pixel; below them the rung of the quality ladder, \
         where 0 is the cheapest, and the rows that each of several devices path traces, from the top of the image to \
-        its bottom. Triangles mark frames beyond the axis. Click a frame to choose it, or use the arrow keys.";
+        its bottom. Triangles mark frames beyond the axis, and red ticks at the top frames that missed their refresh of the display. \
+        Click a frame to choose it, or use the arrow keys.";
     let judged = format!("The first {SETTLING_FRAMES} frames of a longer run are not judged: the loop is settling.");
     let mut notes = vec![how.to_owned(), judged];
     if samples.stride() > 1 {

@@ -15,9 +15,9 @@ pub struct Section {
     pub figure: Option<String>,
 }
 
-/// Style sheet, and the script that draws the interactive figures.
+/// Style sheet, and the script that draws the interactive figures, in parts.
 const STYLE: &str = include_str!("page.css");
-const SCRIPT: &str = include_str!("page.js");
+const SCRIPTS: [&str; 3] = [include_str!("lanes.js"), include_str!("timeline.js"), include_str!("page.js")];
 
 /// Content security policy, which forbids the page to fetch anything, even if a figure contains a link to a resource.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
@@ -34,10 +34,11 @@ pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
     );
     sections.iter().for_each(|section| add(&mut page, section));
     let footer = format!("<footer>diptych {}</footer>", env!("CARGO_PKG_VERSION"));
-    page + &format!("{footer}\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n")
+    let script = SCRIPTS.concat();
+    page + &format!("{footer}\n<script>\n\"use strict\";\n(() => {{\n{script}}})();\n</script>\n</body>\n</html>\n")
 }
 
-/// Returns a figure that the page's script draws from data. `kind` names the function in `page.js`.
+/// Returns a figure that the page's script draws from data. `kind` names the function in `page.js` or its parts.
 ///
 /// # Errors
 /// [`serde_json::Error`] if `data` cannot be serialized to JSON.

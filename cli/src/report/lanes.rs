@@ -9,6 +9,9 @@ use serde::Serialize;
 use super::html::live;
 use diptych::exec::{FrameReport, TaskTiming, TimedTask};
 use diptych::scene::rig::Eye;
+use diptych::trace::frames::path;
+use diptych::trace::summary::Step;
+use diptych::trace::{FIRST_DEVICE_PID, Lane};
 
 /// Maximum number of tasks in a page, where they take about 1.8 MB.
 const TASKS_MAX: usize = 120_000;
@@ -40,6 +43,8 @@ struct Data {
     frames: Vec<Frame>,
     /// Index of the frame to show when the page is opened.
     shown: usize,
+    /// Lower and upper end of the budget in milliseconds, if the frames have one.
+    budget: Option<[f64; 2]>,
     /// Interval in frames: the page keeps the tasks of every `stride`-th frame and of the frame `shown`.
     stride: usize,
 }
@@ -51,6 +56,9 @@ struct Frame {
     /// Tasks in order, three numbers each: index into `shapes`, start relative to the previous task's start, and
     /// duration, microseconds.
     tasks: Vec<i64>,
+    /// Critical path from the begin of the frame to its end, four numbers for each part: index into `names`, device,
+    /// kind as in [`Shape`] or 3 for a wait, and duration, microseconds.
+    path: Vec<i64>,
 }
 
 /// Returns the figure, which initially shows the frame with index `shown`. If there are too many tasks, it keeps only
@@ -58,8 +66,8 @@ struct Frame {
 ///
 /// # Errors
 /// Errors of [`live`].
-pub fn lanes(frames: &[LaneFrame<'_>], shown: usize) -> serde_json::Result<String> {
-    live("lanes", &data(frames, shown, TASKS_MAX))
+pub fn lanes(frames: &[LaneFrame<'_>], shown: usize, budget: Option<[f64; 2]>) -> serde_json::Result<String> {
+    live("lanes", &Data { budget, ..data(frames, shown, TASKS_MAX) })
 }
 
 fn data(frames: &[LaneFrame<'_>], shown: usize, tasks_max: usize) -> Data {
@@ -81,18 +89,38 @@ fn data(frames: &[LaneFrame<'_>], shown: usize, tasks_max: usize) -> Data {
             let since_us = begin_us - std::mem::replace(&mut before_us, begin_us);
             [place as i64, since_us, micros(task.end_ms - task.begin_ms)]
         });
-        let frame = Frame { name: frame.name.clone(), ms: round(frame.makespan_ms), tasks: tasks.collect() };
-        data.frames.push(frame);
+        let tasks = tasks.collect();
+        let path = if is_kept { data.path(frame) } else { Vec::new() };
+        data.frames.push(Frame { name: frame.name.clone(), ms: round(frame.makespan_ms), tasks, path });
     }
     data
 }
 
 impl Data {
-    fn shape(&mut self, task: &TaskTiming) -> Shape {
-        let name = self.names.iter().position(|name| *name == task.stage).unwrap_or_else(|| {
-            self.names.push(task.stage.clone());
+    fn path(&mut self, frame: &LaneFrame<'_>) -> Vec<i64> {
+        let step = |step: Step| {
+            let kind = match step.lane {
+                None => 3,
+                Some(Lane::Download) => 1,
+                Some(Lane::Upload) => 2,
+                Some(_) => 0,
+            };
+            let name = self.name(&Cow::Owned(step.what));
+            [name as i64, i64::from(step.pid - FIRST_DEVICE_PID), kind, micros(step.time_ms)]
+        };
+        path(frame.tasks, frame.begin_ms, frame.makespan_ms).into_iter().flat_map(step).collect()
+    }
+
+    /// Returns the index of a name, which is added if it is new.
+    fn name(&mut self, name: &Cow<'static, str>) -> usize {
+        self.names.iter().position(|known| known == name).unwrap_or_else(|| {
+            self.names.push(name.clone());
             self.names.len() - 1
-        });
+        })
+    }
+
+    fn shape(&mut self, task: &TaskTiming) -> Shape {
+        let name = self.name(&task.stage);
         let kind = match task.kind {
             TimedTask::Gpu(_) => 0,
             TimedTask::Download => 1,
@@ -134,6 +162,7 @@ mod tests {
             begin_ms,
             end_ms: begin_ms + 0.5,
             bytes: None,
+            predicted_ms: None,
             submissions: 1,
             transfer: None,
             number: 0,

@@ -1,6 +1,6 @@
 //! Selects frames to show on a page, for a run of any length in bounded memory.
 
-use super::frame_row::{ControlRow, FrameRow};
+use super::frame_row::{ControlRow, DeadlineRow, FrameRow};
 use diptych::exec::TaskTiming;
 use diptych::quality::FrameQuality;
 
@@ -15,6 +15,7 @@ pub struct SampledFrame {
     pub makespan_ms: f64,
     pub quality: FrameQuality,
     pub control: ControlRow,
+    pub deadline: Option<DeadlineRow>,
     /// Number of rows of the left eye that each device path traced.
     pub stripes: Vec<u32>,
     pub tasks: Vec<TaskTiming>,
@@ -44,8 +45,8 @@ impl FrameSamples {
         let Some(control) = row.control else { return };
         let &FrameRow { index, makespan_ms, quality, ref stripes, .. } = row;
         self.tasks += tasks.len();
-        let stripes = stripes.clone();
-        let frame = SampledFrame { index, makespan_ms, quality, control, stripes, tasks };
+        let (stripes, deadline) = (stripes.clone(), row.deadline.clone());
+        let frame = SampledFrame { index, makespan_ms, quality, control, deadline, stripes, tasks };
         match self.frames.last_mut().filter(|_| self.in_last < self.stride) {
             Some(last) => {
                 self.in_last += 1;

@@ -33,6 +33,9 @@ struct Data<'a> {
     /// Rows of each device.
     rows: Vec<&'a [u32]>,
     missed: Vec<u32>,
+    /// Time by which each frame was late; negative if it was early.
+    over: Vec<Option<f64>>,
+    cause: Vec<Option<&'a str>>,
 }
 
 /// Returns the figure. Selecting a frame in it also selects the frame in the page's swimlanes.
@@ -59,6 +62,8 @@ pub fn timeline(
         setting: frames.iter().map(|f| f.quality.to_string()).collect(),
         rows: frames.iter().map(|f| f.stripes.as_slice()).collect(),
         missed: frames.iter().map(|f| f.control.missed_periods).collect(),
+        over: frames.iter().map(|f| f.deadline.as_ref().map(|d| round(d.over_deadline_ms))).collect(),
+        cause: frames.iter().map(|f| f.deadline.as_ref().and_then(|d| d.cause.as_deref())).collect(),
     };
     live("timeline", &data)
 }

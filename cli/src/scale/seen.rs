@@ -48,6 +48,6 @@ impl Seen {
         let frames = rows.iter().zip(&self.frames);
         let frames: Vec<LaneFrame> = frames.map(|(row, frame)| LaneFrame::new(name(row), frame)).collect();
         let note = "A frame of median makespan for each count and policy.";
-        page::swimlanes(note.to_owned(), &frames, frames.len().saturating_sub(1))
+        page::swimlanes(note.to_owned(), &frames, frames.len().saturating_sub(1), None)
     }
 }

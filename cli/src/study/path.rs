@@ -140,6 +140,6 @@ fn sections(measuring: &Measuring, found: &[Found], reports: &[Vec<FrameReport>]
     let lanes = names.zip(reports).map(|(name, frames)| LaneFrame::new(name.to_owned(), &frames[median(frames)]));
     let note = format!("A frame of median makespan of each arrangement: {title}.");
     let lanes: Vec<LaneFrame> = lanes.collect();
-    let lanes = page::swimlanes(note, &lanes, lanes.len() - 1)?;
+    let lanes = page::swimlanes(note, &lanes, lanes.len() - 1, None)?;
     Ok(vec![Section { heading: "Frames along the path", figure, ..Section::default() }, lanes])
 }
