@@ -3,6 +3,7 @@
 mod args;
 mod comparison;
 pub(super) mod fitting_size;
+mod heartbeat;
 mod ladder;
 mod misfit;
 mod status_lines;

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::critical::{What, critical_path};
 use super::event::{Args, Track, args_from};
-use super::late::Presented;
+use super::late::{Presented, Surroundings};
 use super::summary::Step;
 use super::work::{Frame, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
@@ -58,7 +58,7 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
 
 /// Returns the arguments of a frame on a display: what was expected of it, and what happened.
 fn presented_args(report: &FrameReport, quality: &Quality, control: &FrameControl, shown: &Presented) -> Args {
-    let Presented { deadline, cause, event, others } = shown;
+    let Presented { deadline, cause, around: Surroundings { event, others, paused_ms } } = shown;
     let [before_ms, after_ms] = deadline.host_ms(report);
     let known = [
         Some(("frame", report.index.into())),
@@ -73,6 +73,7 @@ fn presented_args(report: &FrameReport, quality: &Quality, control: &FrameContro
         Some(("expected_ms", control.expected_ms)).filter(|(_, ms)| ms.is_finite()),
         report.predicted_ms.map(|ms| ("predicted_ms", ms)),
         others.map(|share| ("others_share", share)),
+        Some(("paused_ms", *paused_ms)).filter(|(_, ms)| *ms > 0.0),
     ];
     let mut args = args_from(&known.into_iter().flatten().collect::<Vec<_>>());
     let quality = Some(FrameQuality::from(quality).to_string());

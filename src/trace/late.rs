@@ -18,7 +18,9 @@ use crate::exec::FrameReport;
 use crate::schedule::learned::Mean;
 
 /// Fraction of the cores that other programs must take to be named as the cause.
-pub const OTHERS_SHARE: f64 = 0.1;
+const OTHERS_SHARE: f64 = 0.1;
+/// Fraction of the cores that other programs must take to explain a pause of this process, too.
+const OVERLOAD: f64 = 0.5;
 
 /// Times of a frame on a display, milliseconds since the renderer's origin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -59,16 +61,24 @@ impl Deadline {
     }
 }
 
+/// What happened around a frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Surroundings {
+    /// Disturbance or fault in this frame.
+    pub event: Option<String>,
+    /// Fraction of the cores that other programs took, if known.
+    pub others: Option<f64>,
+    /// Time in which the process did not run.
+    pub paused_ms: f64,
+}
+
 /// A frame on a display.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Presented {
     pub deadline: Deadline,
     /// Cause of the missed deadline; `None` for a frame in time.
     pub cause: Option<String>,
-    /// Disturbance or fault in this frame.
-    pub event: Option<String>,
-    /// Fraction of the cores that other programs took around this frame, if known.
-    pub others: Option<f64>,
+    pub around: Surroundings,
 }
 
 /// A part of a frame's time, with the prediction of the cost model for tasks.
@@ -88,18 +98,15 @@ pub struct LateCauses {
 }
 
 impl LateCauses {
-    /// Returns the cause of a missed deadline; `None` for a frame in time. `event` describes a disturbance or fault in
-    /// this frame, and `others` is the fraction of the cores that other programs took meanwhile, if known. Call this
-    /// for every frame.
+    /// Returns the cause of a missed deadline; `None` for a frame in time. Call this for every frame.
     pub fn cause(
         &mut self,
         report: &FrameReport,
         deadline: &Deadline,
         control: &FrameControl,
-        event: Option<String>,
-        others: Option<f64>,
+        around: &Surroundings,
     ) -> Option<String> {
-        self.cause_of(&parts(report, deadline), deadline, control, event, others)
+        self.cause_of(&parts(report, deadline), deadline, control, around)
     }
 
     fn cause_of(
@@ -107,11 +114,11 @@ impl LateCauses {
         parts: &[Part],
         deadline: &Deadline,
         control: &FrameControl,
-        event: Option<String>,
-        others: Option<f64>,
+        around: &Surroundings,
     ) -> Option<String> {
+        let Surroundings { event, others, paused_ms } = around;
         if event.is_some() {
-            self.event = event;
+            self.event.clone_from(event);
         }
         if !deadline.is_missed() {
             self.learn(parts);
@@ -126,10 +133,15 @@ impl LateCauses {
         let most = parts.iter().map(|part| (excess(part), part)).max_by(|(a, _), (b, _)| a.total_cmp(b));
         let host_ms: f64 = [START, BEFORE, AFTER].into_iter().map(usual_ms).sum();
         // An unknown expectation is not a number, and exceeds nothing.
-        if control.expected_ms + host_ms - deadline.period_ms() > most.map_or(0.0, |(ms, _)| ms).max(0.0) {
+        let most_ms = most.map_or(0.0, |(ms, _)| ms).max(0.0);
+        if control.expected_ms + host_ms - deadline.period_ms() > most_ms {
             return Some(if control.fits { EXPECTED } else { UNFIT }.to_owned());
         }
-        if others.is_some_and(|share| share > OTHERS_SHARE) {
+        let others = others.unwrap_or(0.0);
+        if others <= OVERLOAD && *paused_ms > 0.5 * most_ms {
+            return Some(PAUSED.to_owned());
+        }
+        if others > OTHERS_SHARE {
             return Some(OTHERS.to_owned());
         }
         most.map(|(_, part)| part.name.clone())
@@ -151,6 +163,7 @@ const BEFORE: &str = "host before the frame";
 const AFTER: &str = "host after the frame";
 const EXPECTED: &str = "expected to exceed the period";
 const UNFIT: &str = "no rung fits the budget";
+const PAUSED: &str = "pause of the process";
 const OTHERS: &str = "other programs";
 
 /// Splits the time from the refresh at which a frame was to start until it was complete. Parts of the critical path
@@ -312,7 +325,8 @@ mod tests {
             let (parts, deadline) = parts(times);
             let fits = expected_ms <= 20.0;
             let control = FrameControl { rung: 0, budget_ms: [11.0, 20.0], expected_ms, fits, shown: None };
-            self.0.cause_of(&parts, &deadline, &control, event.map(ToOwned::to_owned), others)
+            let around = Surroundings { event: event.map(ToOwned::to_owned), others, paused_ms: 0.0 };
+            self.0.cause_of(&parts, &deadline, &control, &around)
         }
     }
 
@@ -345,6 +359,22 @@ mod tests {
         let (mut run, late) = (Run::new(), [0.0, 1.0, 15.0, 2.0, 1.0]);
         assert_eq!(run.with(late, 12.0, None, Some(0.4)).as_deref(), Some(OTHERS));
         assert_eq!(run.with(late, 12.0, None, Some(0.02)).as_deref(), Some("path_trace on device 1"));
+    }
+
+    #[test]
+    fn pause_of_the_process_is_named_if_it_is_long_enough() {
+        let mut run = Run::new();
+        let (parts, deadline) = parts([0.0, 1.0, 18.0, 2.0, 1.0]);
+        let control = FrameControl { rung: 0, budget_ms: [11.0, 20.0], expected_ms: 12.0, fits: true, shown: None };
+        for (paused_ms, others, cause) in [
+            (9.0, 0.0, PAUSED),
+            (9.0, 0.3, PAUSED),
+            (9.0, 0.8, OTHERS),
+            (3.0, 0.0, "path_trace on device 1"),
+        ] {
+            let around = Surroundings { paused_ms, others: Some(others), event: None };
+            assert_eq!(run.0.cause_of(&parts, &deadline, &control, &around).as_deref(), Some(cause));
+        }
     }
 
     #[test]

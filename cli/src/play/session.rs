@@ -2,7 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crate::report::play::{ControlRow, DeadlineRow, Play, SizeFit};
 use crate::report::record::{FrameRecord, SpooledRows};
@@ -17,9 +17,10 @@ use diptych::quality::{Denoiser, FrameQuality, Quality};
 use diptych::scene::rig::Rig;
 use diptych::session::{self, Decided, View, calibrate};
 use diptych::trace::frames::{FrameControl, record_devices};
-use diptych::trace::late::{Deadline, LateCauses, Presented};
+use diptych::trace::late::{Deadline, LateCauses, Presented, Surroundings};
 
 use super::fitting_size;
+use super::heartbeat::Heartbeat;
 use super::prepared::Prepared;
 use super::status_lines::StatusLines;
 use crate::failure::Failure;
@@ -40,6 +41,7 @@ pub struct Session {
     live: StatusLines,
     faults: FaultLog,
     causes: LateCauses,
+    heartbeat: Heartbeat,
     disturb: Vec<Disturbance>,
 }
 
@@ -90,6 +92,7 @@ impl Session {
             progress,
             faults: FaultLog::default(),
             causes: LateCauses::default(),
+            heartbeat: Heartbeat::start(),
             disturb: prepared.render.settings.disturb.clone(),
         })
     }
@@ -130,12 +133,18 @@ impl Session {
         let mut control = FrameControl { rung, budget_ms: self.budget_ms(), expected_ms, fits, shown: None };
         if let Some(deadline) = deadline {
             row.miss(deadline.missed_periods);
-            let (event, others) = (self.event(frame.index), None);
-            let cause = self.causes.cause(frame, &deadline, &control, event.clone(), others);
-            let shown = control.shown.insert(Presented { deadline, cause, event, others });
+            let around = self.surroundings(frame.index, &deadline);
+            let cause = self.causes.cause(frame, &deadline, &control, &around);
+            let shown = control.shown.insert(Presented { deadline, cause, around });
             row.deadline = Some(DeadlineRow::new(frame, shown));
         }
         self.tracing.record(self.quality(rung), Some(&control), frame);
+    }
+
+    fn surroundings(&self, index: u32, deadline: &Deadline) -> Surroundings {
+        let at = |ms: f64| self.tracing.recorder.origin() + Duration::from_secs_f64(ms.max(0.0) / 1e3);
+        let paused_ms = self.heartbeat.paused_ms(at(deadline.refresh_ms), at(deadline.complete_ms));
+        Surroundings { event: self.event(index), others: None, paused_ms }
     }
 
     /// Describes the disturbance or the fault of a frame, if there is one.

@@ -69,14 +69,14 @@ pub struct DeadlineRow {
 
 impl DeadlineRow {
     pub fn new(frame: &FrameReport, shown: &Presented) -> Self {
-        let Presented { deadline, cause, others, .. } = shown;
+        let Presented { deadline, cause, around } = shown;
         let [host_before_ms, host_after_ms] = deadline.host_ms(frame);
         Self {
             whole_ms: deadline.whole_ms(),
             host_before_ms,
             host_after_ms,
             over_deadline_ms: deadline.over_ms(),
-            others_share: *others,
+            others_share: around.others,
             cause: cause.clone(),
         }
     }

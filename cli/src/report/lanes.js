@@ -7,7 +7,7 @@ const COLOURS = {
   variance: "#c9b3e6", svgf: "#44bb99", atrous: "#66c2a5", fit: "#e3a6d8", seam_filter: "#aaaa00", compose: "#d9b38c",
   reproject_filtered: "#dde58a", polar_blur: "#a6e3e0", to_screen: "#c2b280", resolve: "#eedd88", tonemap: "#fff0a8",
   tally: "#cfcfcf", aov: "#e0e0e0", aov_to_screen: "#d4dce6", aov_to_eye: "#c6d4e6", aov_to_later_eye: "#b8cce6",
-  skin: "#f4c7ab", refit: "#f0b27a", motion: "#f7dc9f",
+  radiance_cache: "#9ed9b5", cache_sums: "#cdeac0", skin: "#f4c7ab", refit: "#f0b27a", motion: "#f7dc9f",
 };
 const KINDS = ["", "download", "upload"];
 const KIND_COLOURS = ["", "#8a8a8a", "#5a5a5a"];
