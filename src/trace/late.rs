@@ -61,7 +61,7 @@ impl Deadline {
     }
 }
 
-/// What happened around a frame.
+/// Events around a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Surroundings {
     /// Disturbance or fault in this frame.
