@@ -14,7 +14,7 @@ use diptych::image::Extent;
 use diptych::passes::{Declarations, FrameSpec};
 use diptych::quality::Denoiser;
 use diptych::schedule::{
-    CostModel, FrameCosts, Heft, Measured, Policy, RelativeCost, StageCost, TransferCost, choose_halo, simulate,
+    CostModel, FrameCosts, Measured, Policy, RelativeCost, StageCost, TransferCost, choose_halo, simulate,
 };
 
 struct Options {
@@ -79,14 +79,10 @@ fn main() {
     let frame = FrameSpec::new(Extent::new(height * 16 / 9, height), devices);
     let spec = FrameSpec { filter: Some(Denoiser::ATROUS), iterations, ..frame };
     println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows, {iterations} iterations");
-    let policies: [Box<dyn Policy>; 2] =
-        [Box::new(Measured::new(height, devices)), Box::new(Heft::new(height, devices))];
-    for policy in policies {
-        measure(policy, &spec, reps);
-    }
+    measure(Measured::new(height, devices), &spec, reps);
 }
 
-fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
+fn measure(mut policy: Measured, spec: &FrameSpec, reps: usize) {
     let declarations = Declarations::default();
     let mut model = CostModel::new(&declarations.program(spec), spec.devices);
     let mut halo = HaloPlan::RECOMPUTE;

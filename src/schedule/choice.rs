@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::{PoisonError, RwLock};
 
-use super::{Even, Heft, Measured, Policy, RatioRule, Static};
+use super::{Even, Measured, Policy, RatioRule, Static};
 use crate::graph::StripesError;
 
 /// A load-balancing policy: distributes rows among devices.
@@ -12,16 +12,14 @@ pub enum Balance {
     Even,
     Static,
     Measured,
-    Heft,
     Registered(&'static Registered),
 }
 
 /// Built-in policies with their names and help texts.
-const BUILT_IN: [(Balance, &str, &str); 4] = [
+const BUILT_IN: [(Balance, &str, &str); 3] = [
     (Balance::Even, "even", "The same number of rows for every device"),
     (Balance::Static, "static", "Fixed fractions from ratios"),
     (Balance::Measured, "measured", "By measured cost of past frames"),
-    (Balance::Heft, "heft", "List scheduling of row blocks at measured cost"),
 ];
 
 type Make = dyn Fn(u32, usize) -> Box<dyn Policy> + Send + Sync;
@@ -97,7 +95,6 @@ impl Balance {
             Self::Even => Box::new(Even::new(rows, devices)),
             Self::Static => Box::new(Static::new(rows, devices, ratios)?),
             Self::Measured => Box::new(Measured::new(rows, devices)),
-            Self::Heft => Box::new(Heft::new(rows, devices)),
             Self::Registered(policy) => (policy.make)(rows, devices),
         })
     }

@@ -366,12 +366,9 @@ mod tests {
         let mut run = Run::new();
         let (parts, deadline) = parts([0.0, 1.0, 18.0, 2.0, 1.0]);
         let control = FrameControl { rung: 0, budget_ms: [11.0, 20.0], expected_ms: 12.0, fits: true, shown: None };
-        for (paused_ms, others, cause) in [
-            (9.0, 0.0, PAUSED),
-            (9.0, 0.3, PAUSED),
-            (9.0, 0.8, OTHERS),
-            (3.0, 0.0, "path_trace on device 1"),
-        ] {
+        for (paused_ms, others, cause) in
+            [(9.0, 0.0, PAUSED), (9.0, 0.3, PAUSED), (9.0, 0.8, OTHERS), (3.0, 0.0, "path_trace on device 1")]
+        {
             let around = Surroundings { paused_ms, others: Some(others), event: None };
             assert_eq!(run.0.cause_of(&parts, &deadline, &control, &around).as_deref(), Some(cause));
         }

@@ -8,7 +8,7 @@ use diptych::exec::{FrameReport, TimedTask};
 use diptych::graph::{FrameGraph, Seam};
 use diptych::passes::{Declarations, FrameSpec};
 use diptych::scene::rig::Eye;
-use diptych::schedule::{CostModel, Heft, Measured, Policy, RelativeCost, simulate_at};
+use diptych::schedule::{CostModel, Measured, RelativeCost, simulate_at};
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 72;
@@ -54,36 +54,32 @@ fn predictions_use_previous_costs_and_relative_cost() {
     let subject = Subject::load("builtin:cornell");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let quality = settings.quality();
-    let policies: [Box<dyn Policy>; 2] =
-        [Box::new(Measured::new(HEIGHT, DEVICES)), Box::new(Heft::new(HEIGHT, DEVICES))];
-    for policy in policies {
-        let mut stage = Stage::with(&subject, &settings, DEVICES, policy);
-        let mut ahead: Option<([Option<f64>; 2], Seam)> = None;
-        for (index, factor) in [3.0, 2.0, 0.5, 1.0].into_iter().enumerate() {
-            let relative_cost = work(factor);
-            let of_frame = relative_cost.clone();
-            stage.set(move |params| (params.quality, params.relative_cost) = (quality, of_frame.clone()));
-            let before = stage.renderer().costs().clone();
-            let report = stage.frame(index as u32).report;
-            let graph = FrameGraph::build(&report.program, &report.assignment, None);
-            let of = |costs: &CostModel, relative_cost: &RelativeCost| {
-                simulate_at(&graph, costs, relative_cost).unwrap().makespan_ms
-            };
-            assert_close(report.predicted_ms, (index > 0).then(|| of(&before, &relative_cost)));
-            // Predictions before the frame were for its stripes, at any quality, and for the halo plan of that time.
-            if let Some((predicted, seam)) = ahead {
-                let program = Declarations::default().program(&FrameSpec { seam, ..report.spec.clone() });
-                let graph = FrameGraph::build(&program, &report.assignment, None);
-                let of = |other: f64| simulate_at(&graph, &before, &work(other)).unwrap().makespan_ms;
-                let expected = OTHERS.map(|other| Some(of(other)));
-                predicted.iter().zip(expected).for_each(|(found, expected)| assert_close(*found, expected));
-            }
-            if index < 2 {
-                assert_learned(stage.renderer().costs(), &report);
-            }
-            let found = OTHERS.map(|other| stage.renderer().predicted_ms(&quality, &work(other)));
-            assert!(found[1] > found[0], "{found:?}");
-            ahead = Some((found, report.spec.seam));
+    let mut stage = Stage::with(&subject, &settings, DEVICES, Box::new(Measured::new(HEIGHT, DEVICES)));
+    let mut ahead: Option<([Option<f64>; 2], Seam)> = None;
+    for (index, factor) in [3.0, 2.0, 0.5, 1.0].into_iter().enumerate() {
+        let relative_cost = work(factor);
+        let of_frame = relative_cost.clone();
+        stage.set(move |params| (params.quality, params.relative_cost) = (quality, of_frame.clone()));
+        let before = stage.renderer().costs().clone();
+        let report = stage.frame(index as u32).report;
+        let graph = FrameGraph::build(&report.program, &report.assignment, None);
+        let of = |costs: &CostModel, relative_cost: &RelativeCost| {
+            simulate_at(&graph, costs, relative_cost).unwrap().makespan_ms
+        };
+        assert_close(report.predicted_ms, (index > 0).then(|| of(&before, &relative_cost)));
+        // Predictions before the frame were for its stripes, at any quality, and for the halo plan of that time.
+        if let Some((predicted, seam)) = ahead {
+            let program = Declarations::default().program(&FrameSpec { seam, ..report.spec.clone() });
+            let graph = FrameGraph::build(&program, &report.assignment, None);
+            let of = |other: f64| simulate_at(&graph, &before, &work(other)).unwrap().makespan_ms;
+            let expected = OTHERS.map(|other| Some(of(other)));
+            predicted.iter().zip(expected).for_each(|(found, expected)| assert_close(*found, expected));
         }
+        if index < 2 {
+            assert_learned(stage.renderer().costs(), &report);
+        }
+        let found = OTHERS.map(|other| stage.renderer().predicted_ms(&quality, &work(other)));
+        assert!(found[1] > found[0], "{found:?}");
+        ahead = Some((found, report.spec.seam));
     }
 }

@@ -10,7 +10,7 @@ use diptych::RunConfig;
 use diptych::exec::Stereo;
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
-use diptych::schedule::{CostModel, Even, Heft, Measured, Policy, Static};
+use diptych::schedule::{CostModel, Even, Measured, Policy, Static};
 
 pub const WIDTH: u32 = 64;
 pub const HEIGHT: u32 = 72;
@@ -20,7 +20,6 @@ pub const HEIGHT: u32 = 72;
 pub enum Rows {
     Even,
     Measured,
-    Heft,
     /// Ratios of every frame.
     Ratios(&'static [&'static str]),
     /// Ratios of one frame after the other, then from the start again.
@@ -36,7 +35,6 @@ impl Rows {
         match self {
             Self::Even => Box::new(Even::new(height, devices)),
             Self::Measured => Box::new(Measured::new(height, devices)),
-            Self::Heft => Box::new(Heft::new(height, devices)),
             Self::Ratios(rules) => Box::new(ratios(rules)),
             Self::Turns(turns) => Box::new(Turns(turns.iter().map(|rule| ratios(&[rule])).collect(), 0)),
         }

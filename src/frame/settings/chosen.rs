@@ -337,7 +337,7 @@ mod tests {
             ("position=0,1,2.5", json!([0, 1, 2.5])),
             ("iterations=2,3,5", json!([2, 3, 5])),
             ("devices=1", json!([1])),
-            ("balance=even,heft", json!(["even", "heft"])),
+            ("balance=even,measured", json!(["even", "measured"])),
             ("ratios=5,1;denoise.left=1,2", json!(["5,1", "denoise.left=1,2"])),
             ("disturb=loss:dev1@3,scene-cut@7", json!(["loss:dev1@3", "scene-cut@7"])),
             ("aov=", json!([])),
