@@ -27,6 +27,7 @@ use diptych::stages::all_shader_text;
 
 use super::failure::Failure;
 use super::options::RunOptions;
+use super::others::Others;
 use super::page::and_page;
 use super::setup::{self, Tracing};
 use super::{interrupt, kinds, output, settings};
@@ -58,6 +59,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let given = args.reference.as_deref().map(|folder| reference::given(folder, options)).transpose()?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
+    let mut others = Others::begin();
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
     setup::tell_remarks(&loaded.scene);
@@ -73,7 +75,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     (reference.kinds, reference.in_right) = (seen.kinds, Some(seen.in_right));
     say_reference(options, exposure_ev, &reference);
     let grid = Grid::new(args, &loaded, &reference, &tracing, gpus);
+    others.begin_frames().iter().for_each(|warning| log!("warning: {warning}"));
     let mut rows = grid.measure(journal, &judged)?;
+    let (others_share, warning) = others.end();
+    warning.iter().for_each(|warning| log!("warning: {warning}"));
     let warm_up_s = grid.warm_up_s();
     let regrets = regrets(&judged, &rows);
     mark_front(&mut rows);
@@ -96,7 +101,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         options.settings.skip_unused,
         Vec::<FrameRow>::new(),
     );
-    report.warm_up_s = warm_up_s;
+    (report.warm_up_s, report.others_share) = (warm_up_s, others_share);
     report.write(&options.out.join("run.json"))?;
     tracing.finish()?;
     if options.json {

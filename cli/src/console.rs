@@ -11,6 +11,7 @@ use anyhow::anyhow;
 
 use super::failure::Failure;
 use super::given::Given;
+use super::others::CoreTime;
 use diptych::device::DevicePool;
 
 /// Where a command writes, and where it takes its devices from.
@@ -19,7 +20,10 @@ pub struct Console {
     /// Standard output and standard error of the command, if they are not those of the process.
     streams: Option<[Stream; 2]>,
     devices: Option<DevicePool>,
+    core_time: Option<Clock>,
 }
+
+type Clock = Box<dyn Fn() -> Option<CoreTime> + Send + Sync>;
 
 type Stream = Mutex<Box<dyn Write + Send>>;
 
@@ -31,13 +35,19 @@ impl Console {
 
     /// Creates a console with these streams as standard output and standard error. Its commands ignore signals.
     pub fn new(out: impl Write + Send + 'static, error: impl Write + Send + 'static) -> Self {
-        Self { streams: Some([Mutex::new(Box::new(out)), Mutex::new(Box::new(error))]), devices: None }
+        Self { streams: Some([Mutex::new(Box::new(out)), Mutex::new(Box::new(error))]), ..Self::default() }
     }
 
     /// Takes devices from this pool, and leaves them there for the next command.
     #[must_use]
     pub fn devices(self, pool: DevicePool) -> Self {
         Self { devices: Some(pool), ..self }
+    }
+
+    /// Sets the clock that tells how long other programs ran, so that tests do not depend on the load of the machine.
+    #[must_use]
+    pub fn core_time(self, clock: impl Fn() -> Option<CoreTime> + Send + Sync + 'static) -> Self {
+        Self { core_time: Some(Box::new(clock)), ..self }
     }
 }
 
@@ -105,6 +115,12 @@ impl Given {
 /// Returns the pool of devices, if there is one.
 pub fn devices() -> Option<DevicePool> {
     run().console.devices.clone()
+}
+
+/// Returns for how long other programs ran; `None` if the system does not tell.
+pub fn core_time() -> Option<CoreTime> {
+    let run = run();
+    run.console.core_time.as_ref().map_or_else(CoreTime::read, |clock| clock())
 }
 
 /// True if the command has the streams and signals of the process.

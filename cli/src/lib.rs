@@ -40,6 +40,7 @@ mod measure;
 mod metering;
 mod node;
 mod options;
+mod others;
 mod output;
 mod page;
 mod pictures;
@@ -73,6 +74,7 @@ use std::process::ExitCode;
 pub use commands::run_from;
 pub use console::Console;
 pub use environment::prepare_environment;
+pub use others::CoreTime;
 pub use program::Program;
 
 /// Runs the command that this process was started with, without extensions. Call [`prepare_environment`] before.

@@ -5,6 +5,7 @@ mod options;
 
 use std::time::{Duration, Instant};
 
+use crate::report::host::HostSummary;
 use crate::report::machine::{FrameTimes, ImageCheck, LargestSize, Machine, Scaled};
 use crate::report::{median_of, text_table};
 use diptych::device::{self, AdapterReport, DeviceError, Selection, Traversal, TraversalChoice};
@@ -125,12 +126,9 @@ fn ready() -> Result<(Vec<AdapterReport>, Vec<AdapterReport>), Failure> {
 impl<'a> Measuring<'a> {
     fn begin(args: &'a Options, steps: usize, adapters: Vec<AdapterReport>) -> Result<Self, Failure> {
         interrupt::watch()?;
-        let machine = Machine {
-            diptych: env!("CARGO_PKG_VERSION"),
-            cores: std::thread::available_parallelism().map_or(1, usize::from),
-            adapters,
-            ..Machine::default()
-        };
+        let host = HostSummary::here();
+        let machine =
+            Machine { diptych: env!("CARGO_PKG_VERSION"), cores: host.cores, host, adapters, ..Machine::default() };
         let progress = Progress::new(steps as u64, args.quiet, args.json);
         Ok(Self { args, begin: Instant::now(), progress, machine, devices: Devices::default() })
     }

@@ -29,6 +29,7 @@ use diptych::scene::rig::Rig;
 
 use super::failure::Failure;
 use super::options::RenderOptions;
+use super::others::Others;
 use super::output::{self, FrameImages};
 use super::page::and_page;
 use super::pictures::Pictures;
@@ -81,6 +82,7 @@ fn play(args: &Args) -> Result<(), Failure> {
     let options = &prepared.render;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
+    let mut others = Others::begin();
     let tracing = Tracing::start(options)?;
     let progress = Progress::text(options.quiet, options.json);
     progress.phase("loading");
@@ -111,15 +113,18 @@ fn play(args: &Args) -> Result<(), Failure> {
             session.warm_up_s
         ));
     }
+    others.begin_frames().iter().for_each(|warning| session.progress.warn(warning));
     let mut run = Run::new(args, options, &loaded, session)?;
     run.samples = args.report.then(FrameSamples::default);
     let stopped = run.frames()?;
+    let (others_share, warning) = others.end();
+    warning.iter().for_each(|warning| run.session.progress.warn(warning));
     let last = if args.report { run.kept()? } else { None };
     let Run { session, motion, record, samples, pictures, .. } = run;
     motion.map_or(Ok(()), Recording::finish)?;
     session.progress.finish();
     let mut report = session.report(&prepared, &loaded, &record);
-    report.pictures = pictures.names();
+    (report.pictures, report.others_share) = (pictures.names(), others_share);
     report.write(&options.out.join("run.json"))?;
     record.finish()?;
     pictures.remove_earlier(options.quiet)?;

@@ -19,6 +19,7 @@ use diptych::trace::frames::record_devices;
 use super::failure::Failure;
 use super::faults::FaultLog;
 use super::options::{self, RenderFlags, RenderOptions};
+use super::others::Others;
 use super::output::{self, Also, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
 use super::progress::Progress;
@@ -100,6 +101,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &options.map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
+    let mut others = Others::begin();
+    // Without a trace, nobody looks at times.
+    let tell = |progress: &Progress, warning: Option<String>| {
+        warning.iter().filter(|_| options.trace.is_some()).for_each(|warning| progress.warn(warning));
+    };
     let viewer = args.has(Also::Tev).then(|| Viewer::connect(&tev::address())).transpose()?;
     let tracing = Tracing::start(options)?;
     let warm_up_frames = args.warm_up_frames(options);
@@ -134,6 +140,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
     }
     let warm_up_s = warm_up.elapsed().as_secs_f64();
+    tell(&progress, others.begin_frames());
     let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
     let mut run =
         Run { args, options, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures, viewer };
@@ -141,6 +148,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => run.frames()?,
         Some(plan) => run.references(plan)?,
     }
+    let (others_share, warning) = others.end();
+    tell(&run.progress, warning);
     run.progress.finish();
     let Run { renderer, rows, pictures, .. } = run;
     if rows.frames.is_empty() && rows.references.is_empty() {
@@ -159,7 +168,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut report =
         RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, rows.frames);
     (report.warm_up_s, report.warm_up_frames) = (warm_up_s, warm_up_frames);
-    report.references = rows.references;
+    (report.others_share, report.references) = (others_share, rows.references);
     report.faults = renderer.faults().to_vec();
     report.pictures = pictures.names();
     report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.settings.size));

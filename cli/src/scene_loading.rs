@@ -45,7 +45,7 @@ pub fn load_from(
 }
 
 /// Returns the memory of this machine, or of the container if that has less, in bytes.
-fn host_memory() -> u64 {
+pub fn host_memory() -> u64 {
     /// Default if the system reports none, in bytes.
     const UNKNOWN: u64 = 8 << 30;
     let ram = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());

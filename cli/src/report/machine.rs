@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::host::HostSummary;
 use super::html::Section;
 use super::plot::{Chart, Series, line_chart_svg};
 use super::{ReportError, Table, median, median_of, once, percent};
@@ -18,6 +19,7 @@ pub struct Machine {
     pub diptych: &'static str,
     /// Logical processors.
     pub cores: usize,
+    pub host: HostSummary,
     pub adapters: Vec<AdapterReport>,
     /// Quality of the timed frames.
     pub quality: Quality,
@@ -202,7 +204,7 @@ impl Machine {
                 name: format!("{scene}, adapter {adapter}, {}", traversal.name()),
                 points: own.clone().map(|f| (f.pixels as f64, f.median_ms)).collect(),
                 band: Some(own.map(|f| (f.least_ms, f.most_ms)).collect()),
-                guide: false,
+                ..Series::default()
             }
         });
         let chart = Chart::new("Frame times".to_owned(), ["pixels of each eye", "ms"], true);
@@ -267,6 +269,7 @@ mod tests {
             predicted_off: None,
         };
         let machine = Machine {
+            host: HostSummary::here(),
             diptych: "0",
             cores: 2,
             adapters: Vec::new(),

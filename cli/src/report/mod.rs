@@ -6,6 +6,7 @@ pub mod csv;
 mod frame_row;
 pub mod frames;
 pub mod headset;
+pub mod host;
 pub mod html;
 pub mod lanes;
 pub mod machine;

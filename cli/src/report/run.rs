@@ -17,6 +17,7 @@ use diptych::scene::needs::SceneNeeds;
 
 pub use super::frame_row::{FrameRow, FrameRows, StageSum, aov_ms};
 use super::headset::HeadsetSummary;
+use super::host::HostSummary;
 use super::play::PlaySummary;
 use super::rectified::RectifiedFrame;
 use super::{median, median_of};
@@ -124,6 +125,10 @@ pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
     pub command: String,
     pub settings: RunSettings,
     pub devices: Vec<DeviceInfo>,
+    pub host: HostSummary,
+    /// Fraction of the cores that other programs took while frames were rendered; `null` if it is not known, as in runs
+    /// that are shorter than half a second.
+    pub others_share: Option<f64>,
     pub scene: SceneSummary,
     /// Peak resident memory of the process so far, MiB. Absent if the system does not report it.
     pub peak_resident_mib: Option<f64>,
@@ -167,6 +172,8 @@ impl<Rows: FrameRows> RunReport<Rows> {
             command: std::mem::take(&mut settings.command),
             settings,
             devices: devices.to_vec(),
+            host: HostSummary::here(),
+            others_share: None,
             scene: SceneSummary::of(scene, needs, skips),
             peak_resident_mib: peak_resident_mib(),
             warm_up_s: 0.0,

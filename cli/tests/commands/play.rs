@@ -422,3 +422,26 @@ fn play_stops_if_nothing_fits_unless_it_keeps_going() {
         assert_eq!((status, played), (Some(0), frames), "{options}: {errors}");
     }
 }
+
+/// The time of other programs is read before the preparations, before the frames and after them.
+#[test]
+fn play_tells_once_that_others_are_busy() {
+    let cases: [(fn(u32) -> f64, f64, &str); 4] = [
+        (|_| 0.04, 0.04, ""),
+        (|_| 0.4, 0.4, "other programs take 40 % of the cores"),
+        (|reading| if reading == 2 { 0.3 } else { 0.0 }, 0.3, "other programs took 30 % of the cores"),
+        (|reading| if reading == 1 { 0.2 } else { 0.0 }, 0.0, "other programs take 20 % of the cores"),
+    ];
+    for (share, of_frames, expected) in cases {
+        let folder = Folder::new();
+        let said = folder.run_beside(share, &format!("play builtin:cornell {SMALL} --fps 1000 --frames 2 --out ./"));
+        let warnings: Vec<&str> = said.errors.lines().filter(|line| line.contains("other programs")).collect();
+        assert_eq!(warnings.len(), usize::from(!expected.is_empty()), "{warnings:?}");
+        assert!(said.errors.contains(expected), "{}", said.errors);
+        let run = folder.json("run.json");
+        assert!((run["others_share"].as_f64().unwrap() - of_frames).abs() < 1e-9, "{}", run["others_share"]);
+        let host = &run["host"];
+        assert!(host["cores"].as_u64() > Some(0) && host["memory_mib"].as_u64() > Some(0), "{host}");
+        assert!(host["kernel"].as_str().is_some_and(|kernel| !kernel.is_empty()), "{host}");
+    }
+}

@@ -13,7 +13,7 @@ use std::process::{Command, ExitStatus, Output};
 use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 
 use diptych::device::{self, DevicePool};
-use diptych_cli::{Console, run_from};
+use diptych_cli::{Console, CoreTime, run_from};
 pub use folder::{Folder, Said};
 pub use stage::{is_thorough, sampled};
 
@@ -45,8 +45,21 @@ fn diptych(args: &[String]) -> Output {
     if args.iter().any(|arg| arg == "--trace") {
         return program(args).output().unwrap_or_else(|e| panic!("cannot start diptych: {e}"));
     }
+    beside(args, |_| 0.0)
+}
+
+/// Runs a command in this process beside other programs that seem to take `share` of the cores. A second passes between
+/// the readings of their time; `share` gets the number of the reading.
+fn beside(args: &[String], share: fn(u32) -> f64) -> Output {
     let [out, error] = [Stream::default(), Stream::default()];
-    let status = run_with(args, out.clone(), error.clone());
+    let time = Mutex::new((0, CoreTime::default()));
+    let clock = move || {
+        let mut time = time.lock().unwrap_or_else(PoisonError::into_inner);
+        let (number, CoreTime { others_s, all_s }) = *time;
+        *time = (number + 1, CoreTime { others_s: others_s + share(number), all_s: all_s + 1.0 });
+        Some(time.1)
+    };
+    let status = run_on(args, Console::new(out.clone(), error.clone()).core_time(clock));
     Output { status: exit_status(status), stdout: out.take(), stderr: error.take() }
 }
 
@@ -56,13 +69,17 @@ pub fn run_with(
     out: impl Write + Send + 'static,
     error: impl Write + Send + 'static,
 ) -> u8 {
+    run_on(args, Console::new(out, error))
+}
+
+fn run_on(args: &[impl AsRef<OsStr>], console: Console) -> u8 {
     static DEVICES: LazyLock<DevicePool> = LazyLock::new(|| {
         // SAFETY: tests access the environment only through `std::env`, and list adapters only through the library.
         unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
         DevicePool::default()
     });
-    let console = Console::new(out, error).devices(DEVICES.clone());
-    run_from([OsStr::new("diptych")].into_iter().chain(args.iter().map(AsRef::as_ref)), console)
+    let args = args.iter().map(AsRef::as_ref);
+    run_from([OsStr::new("diptych")].into_iter().chain(args), console.devices(DEVICES.clone()))
 }
 
 #[cfg(unix)]

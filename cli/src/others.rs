@@ -1,0 +1,117 @@
+//! Fraction of the cores that other programs take. Frames take longer while they do.
+
+use std::fs;
+
+use super::{console, node};
+
+/// Fraction from which a run warns.
+pub const NOTICEABLE: f64 = 0.05;
+/// Shortest time over which the fraction is known, since systems count the time of programs in ticks of 10 ms, seconds.
+const SHORTEST_S: f64 = 0.5;
+/// Duration of a tick in the files of Linux, seconds.
+const TICK_S: f64 = 0.01;
+
+/// Time since the start of the system, as means over all cores.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CoreTime {
+    /// Time in which other programs ran, or other machines on the same host, seconds.
+    pub others_s: f64,
+    pub all_s: f64,
+}
+
+impl CoreTime {
+    /// Reads the time from Linux; `None` on other systems, and if other ranks run on this machine.
+    pub(super) fn read() -> Option<Self> {
+        let is_shared =
+            node::others().is_some_and(|node| (1..node.ranks()).any(|rank| node.host(rank) == node.host(0)));
+        let read = |path| fs::read_to_string(path).ok();
+        if is_shared { None } else { Self::parse(&read("/proc/stat")?, &read("/proc/self/stat")?) }
+    }
+
+    /// Subtracts the time of a process and of its children that ended, in a file like `/proc/self/stat`, from that of all
+    /// programs, in a file like `/proc/stat`.
+    fn parse(all: &str, own: &str) -> Option<Self> {
+        let cores = all.lines().skip(1).take_while(|line| line.starts_with("cpu")).count();
+        let of_cores: Vec<f64> =
+            all.lines().next()?.split_whitespace().skip(1).filter_map(|n| n.parse().ok()).collect();
+        let [user, nice, system, idle, iowait, irq, softirq, steal, ..] = of_cores[..] else { return None };
+        // The name of a program, in parentheses, may contain spaces. Its times are eleven fields behind its state.
+        let (_, own) = own.rsplit_once(')')?;
+        let own: Vec<f64> = own.split_whitespace().skip(11).filter_map(|n| n.parse().ok()).collect();
+        let own: f64 = own.get(..4)?.iter().sum();
+        let busy = user + nice + system + irq + softirq + steal;
+        let [others_s, all_s] = [busy - own, busy + idle + iowait].map(|ticks| ticks * TICK_S / cores.max(1) as f64);
+        Some(Self { others_s, all_s })
+    }
+
+    /// Returns the fraction of the cores that other programs took since an earlier time; `None` if that was too short
+    /// ago.
+    pub fn share_since(self, before: Self) -> Option<f64> {
+        let all_s = self.all_s - before.all_s;
+        (all_s >= SHORTEST_S).then(|| ((self.others_s - before.others_s) / all_s).clamp(0.0, 1.0))
+    }
+}
+
+/// Measures what other programs take before a run and during its frames.
+pub struct Others {
+    begin: Option<CoreTime>,
+    is_told: bool,
+}
+
+impl Others {
+    /// Begins with the preparations of a run.
+    pub fn begin() -> Self {
+        Self { begin: console::core_time(), is_told: false }
+    }
+
+    /// Begins with the frames of the run. Returns a warning if other programs are busy.
+    pub fn begin_frames(&mut self) -> Option<String> {
+        let now = console::core_time();
+        let share = now.zip(self.begin).and_then(|(now, begin)| now.share_since(begin));
+        let share = share.filter(|share| *share >= NOTICEABLE);
+        *self = Self { begin: now, is_told: share.is_some() };
+        share.map(|share| format!("other programs take {:.0} % of the cores: frames take longer", share * 100.0))
+    }
+
+    /// Ends the run. Returns the fraction that other programs took during the frames, and a warning if that was more
+    /// than could be expected.
+    pub fn end(self) -> (Option<f64>, Option<String>) {
+        let share = self.begin.and_then(|begin| console::core_time()?.share_since(begin));
+        let told = share.filter(|share| *share >= NOTICEABLE && !self.is_told);
+        let text = |share: f64| format!("other programs took {:.0} % of the cores: frames took longer", share * 100.0);
+        (share, told.map(text))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OWN: &str = "77 (a (b) c) S 1 77 77 0 -1 4194304 9 9 0 0 250 50 60 40 20 0 4 0 9 9 9";
+
+    #[test]
+    fn own_time_is_not_that_of_others() {
+        let stat = |user: u32, idle: u32| format!("cpu  {user} 10 40 {idle} 20 5 5 40 0 0\ncpu0 1\ncpu1 1\nintr 7\n");
+        let before = CoreTime::parse(&stat(1000, 3000), OWN).unwrap();
+        assert_eq!(before, CoreTime { others_s: 3.5, all_s: 20.6 });
+        // 100 of 200 ticks were busy.
+        let after = CoreTime::parse(&stat(1100, 3100), OWN).unwrap();
+        assert!((after.share_since(before).unwrap() - 0.5).abs() < 1e-9);
+        // A process that ran 80 of these ticks itself.
+        let after = CoreTime::parse(&stat(1100, 3100), &OWN.replace("250", "330")).unwrap();
+        assert!((after.share_since(before).unwrap() - 0.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn odd_files_tell_nothing() {
+        let stat = "cpu  1 2 3 4 5 6 7 8 0 0\ncpu0 1\n";
+        assert!(CoreTime::parse(stat, OWN).is_some());
+        for (all, own) in [("", OWN), ("cpu 1 2", OWN), (stat, ""), (stat, "77 (a) S 1"), (stat, "7 (a) S x y z")] {
+            assert_eq!(CoreTime::parse(all, own), None, "{all} {own}");
+        }
+        let now = CoreTime { others_s: 2.0, all_s: 9.0 };
+        assert_eq!(now.share_since(CoreTime { others_s: 2.0, all_s: 8.9 }), None);
+        // Ticks round, so the time of others may seem to go back.
+        assert_eq!(now.share_since(CoreTime { others_s: 2.1, all_s: 8.0 }), Some(0.0));
+    }
+}
