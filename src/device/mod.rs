@@ -29,14 +29,13 @@ pub use failure::{DeviceFailure, FailureKind, panic_text};
 #[cfg(feature = "xr")]
 pub use headset::HeadsetDevice;
 pub use opening::{Wanted, open, open_with};
-pub use pipelines::{Pipeline, PipelineKey};
+pub use pipelines::{Pipeline, PipelineKey, Pipelines};
 pub use pool::DevicePool;
 pub use quirks::{Quirks, Tables};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
 pub use traversal::{Traversal, TraversalChoice};
 
-use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -85,8 +84,7 @@ pub struct GpuDevice {
     pub queue: wgpu::Queue,
     /// Timeout of [`Self::wait`].
     pub patience: Duration,
-    /// Cache of compiled pipelines, kept for all successive users of the device.
-    pub pipelines: HashMap<PipelineKey, Pipeline>,
+    pub pipelines: Pipelines,
     failure: Arc<Mutex<Option<DeviceFailure>>>,
     /// Pool that the device returns to.
     pool: Option<DevicePool>,
@@ -109,15 +107,15 @@ impl GpuDevice {
         SceneAccess { tables: self.quirks.tables, traversal: self.info.traversal }
     }
 
-    /// Returns the same device for another thread, which may use it only while this thread does not.
-    fn shared(&self) -> Self {
+    /// Returns the same device for another user, which may have work on it only while no other user has.
+    pub(crate) fn shared(&self) -> Self {
         Self {
             info: self.info.clone(),
             quirks: self.quirks,
             device: self.device.clone(),
             queue: self.queue.clone(),
             patience: self.patience,
-            pipelines: HashMap::new(),
+            pipelines: self.pipelines.clone(),
             failure: Arc::clone(&self.failure),
             pool: None,
             instance: self.instance.clone(),

@@ -1,13 +1,12 @@
 //! Opens devices.
 
-use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapters::{
     AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, OPENING, Selection, adapters, choose, enumerate,
     new_instance, traversal_of,
 };
-use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal, environment};
+use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Pipelines, Quirks, Traversal, environment};
 
 /// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
 pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
@@ -160,7 +159,7 @@ pub(super) fn watched(
         lost(DeviceFailure { kind: FailureKind::Loss, what });
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
-    let (patience, pipelines) = (GpuDevice::START_PATIENCE, HashMap::new());
+    let (patience, pipelines) = (GpuDevice::START_PATIENCE, Pipelines::default());
     GpuDevice { info, quirks, device, queue, patience, pipelines, failure, pool: None, instance }
 }
 

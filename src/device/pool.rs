@@ -32,9 +32,7 @@ impl Drop for GpuDevice {
         if let Some(pool) = self.pool.take()
             && self.failure().is_none()
         {
-            let mut idle = self.shared();
-            idle.pipelines = std::mem::take(&mut self.pipelines);
-            pool.idle().push(idle);
+            pool.idle().push(self.shared());
         }
     }
 }

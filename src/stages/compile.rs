@@ -42,17 +42,18 @@ pub fn build(
     let variant = ShaderVariant { access: gpu.scene_access(), polar: config.envelope.most.polar };
     let shader = Shader::new(&kernel, &pass.uses, variant)?;
     let declared = override_names(shader.text());
-    let mut one = |kind: Option<bool>, jitter| {
+    let one = |kind: Option<bool>, jitter| {
         let constants = config.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
         // Foreign shaders (from outside the library) may share a name, so their text is the key.
         let name = if shader.is_foreign() { shader.text() } else { kernel.name };
         let (name, checks) = (name.to_owned(), shader.checks(config.execution.checks));
         let key = PipelineKey { shader: name, projection: shader.projection, checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {
-            Some(kept) => kept.clone(),
+            Some(kept) => kept,
             None => {
                 let new = compile(gpu, pass, group0, &key, &shader)?;
-                gpu.pipelines.entry(key).or_insert(new).clone()
+                gpu.pipelines.insert(key, &new);
+                new
             }
         };
         Ok(Built { kernel, jitter: kind, pipeline })

@@ -9,6 +9,7 @@ use crate::reference::scenes::moving::everything;
 use crate::same_bytes::{Rows, assert_same, assert_same_frames, even, every, hold};
 use diptych::RunConfig;
 use diptych::device::{DevicePool, FailureKind, GpuDevice, Selection};
+use diptych::exec::ranks::Devices;
 use diptych::exec::{ExecError, Stereo};
 use diptych::image::RgbImage;
 use diptych::passes::path_trace::PARTITION;
@@ -97,6 +98,28 @@ fn surviving_devices_return_with_their_pipelines() {
     failing.frame(0);
     let left = failing.into_devices();
     assert_eq!(left.iter().map(|gpu| gpu.info.index).collect::<Vec<_>>(), [0]);
+}
+
+/// Two renderers take turns on shared devices. The second one compiles nothing.
+#[test]
+fn renderers_in_turns_share_devices_and_pipelines() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(32, 18);
+    let own = Devices::from(devices_to_lose(2));
+    let shared = |count: usize| {
+        let gpus = own.shared(|device| device >= 2 - count).unwrap();
+        let indices: Vec<usize> = gpus.infos().iter().map(|info| info.index).collect();
+        assert_eq!(indices, (0..count).collect::<Vec<_>>());
+        Stage::on(gpus, &subject, &settings, Box::new(Even::new(18, count)))
+    };
+    let mut two = shared(2);
+    let compiled = |stage: Stage| stage.into_devices()[0].pipelines.len();
+    let mut one = shared(1);
+    for index in 0..3 {
+        assert_same("turns", &one.frame(index).linear, &two.frame(index).linear);
+    }
+    let pipelines = compiled(one);
+    assert!(pipelines > 0 && pipelines == compiled(two));
 }
 
 #[test]

@@ -78,6 +78,16 @@ impl Devices {
         self.others.take_if(|set| set.cards.is_empty());
     }
 
+    /// Returns some of these devices for another renderer, by their index: those for which `keeps` is true. They share
+    /// compiled pipelines with these. Only one of the renderers may have frames in flight at a time. Returns `None` if
+    /// there are devices of other ranks.
+    pub fn shared(&self, keeps: impl Fn(usize) -> bool) -> Option<Self> {
+        let kept = self.own.iter().enumerate().filter(|(index, _)| keeps(*index));
+        let mut own: Vec<GpuDevice> = kept.map(|(_, gpu)| gpu.shared()).collect();
+        own.iter_mut().enumerate().for_each(|(index, gpu)| gpu.info.index = index);
+        self.others.is_none().then_some(Self { own, others: None })
+    }
+
     fn cards(&self) -> &[(usize, DeviceCard)] {
         self.others.as_ref().map_or(&[], |set| &set.cards)
     }
