@@ -4,6 +4,7 @@ use plotters::chart::ChartContext;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
 use plotters::element::DashedPathElement;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::ReportError;
 use super::ticks::{self, Ticks};
@@ -27,6 +28,8 @@ const SIZE_PX: (u32, u32) = (800, 500);
 pub struct Series {
     pub name: String,
     pub points: Vec<(f64, f64)>,
+    /// Text beside each point; none for further points.
+    pub labels: Vec<String>,
     /// Low and high values around each point, drawn as a shaded band.
     pub band: Option<Vec<(f64, f64)>>,
     /// True for a guide such as ideal speedup, drawn grey and dashed without dots.
@@ -37,6 +40,8 @@ pub struct Series {
 pub struct Axis {
     pub label: String,
     pub log: bool,
+    /// True for ticks at powers of two on a logarithmic axis.
+    pub doubles: bool,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -50,7 +55,7 @@ impl Chart {
     /// Creates a chart with these labels of the horizontal and the vertical axis, which are both linear or both
     /// logarithmic.
     pub fn new(title: String, labels: [&str; 2], log: bool) -> Self {
-        let [x, y] = labels.map(|label| Axis { label: label.to_owned(), log });
+        let [x, y] = labels.map(|label| Axis { label: label.to_owned(), log, doubles: false });
         Self { title, x, y }
     }
 }
@@ -128,9 +133,12 @@ impl ValueFormatter<f64> for Ticks {
 
 fn fit_axes(chart: &Chart, lines: &[Drawn]) -> Option<[Ticks; 2]> {
     let all: Vec<(f64, f64)> = lines.iter().flat_map(|l| [l.points.clone(), l.outline()]).flatten().collect();
-    let x = Ticks::fit(all.iter().map(|p| p.0), chart.x.log)?;
-    let y = Ticks::fit(all.iter().map(|p| p.1), chart.y.log)?;
-    Some([x, y])
+    let fit = |axis: &Axis, values: Vec<f64>| {
+        let ticks = Ticks::fit(values.into_iter(), axis.log)?;
+        Some(if axis.doubles { ticks.with_doubles() } else { ticks })
+    };
+    let x = fit(&chart.x, all.iter().map(|p| p.0).collect())?;
+    Some([x, fit(&chart.y, all.iter().map(|p| p.1).collect())?])
 }
 
 fn draw(svg: &mut String, chart: &Chart, axes: &[Ticks; 2], lines: &[Drawn]) -> Result<(), DrawingError> {
@@ -182,7 +190,12 @@ fn draw_line(canvas: &mut Canvas, line: &Drawn) -> Result<(), DrawingError> {
     }
     let sample = move |(x, y)| PathElement::new([(x, y), (x + 22, y)], stroke);
     canvas.draw_series(LineSeries::new(points.clone(), stroke))?.label(name).legend(sample);
-    canvas.draw_series(points.map(|p| Circle::new(p, 4, line.colour.filled())))?;
+    canvas.draw_series(points.clone().map(|p| Circle::new(p, 4, line.colour.filled())))?;
+    // Labels end left of their points, since lines rise to the right.
+    let style = ("sans-serif", 13).into_font().color(&INK).pos(Pos::new(HPos::Right, VPos::Bottom));
+    let labels = points.zip(&line.series.labels).filter(|(_, text)| !text.is_empty());
+    canvas
+        .draw_series(labels.map(|(p, text)| EmptyElement::at(p) + Text::new(text.clone(), (-8, -6), style.clone())))?;
     Ok(())
 }
 
@@ -235,8 +248,8 @@ mod tests {
     fn speedup() -> (Chart, Vec<Series>) {
         let chart = Chart {
             title: "Speed-up <atrium & co>".into(),
-            x: Axis { label: "devices".into(), log: false },
-            y: Axis { label: "speed-up".into(), log: false },
+            x: Axis { label: "devices".into(), ..Axis::default() },
+            y: Axis { label: "speed-up".into(), ..Axis::default() },
         };
         let counts = [1.0, 2.0, 4.0, 8.0];
         let ideal =
@@ -245,6 +258,7 @@ mod tests {
             name: "measured".into(),
             points: counts.map(|n| (n, n.powf(0.9))).to_vec(),
             band: Some(counts.map(|n| (n.powf(0.85), n.powf(0.93))).to_vec()),
+            labels: vec![String::new(), "waits".into(), "too few rows".into()],
             guide: false,
         };
         (chart, vec![ideal, measured])
@@ -255,7 +269,9 @@ mod tests {
         let (chart, series) = speedup();
         let svg = line_chart_svg(&chart, &series).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
-        for text in ["Speed-up &lt;atrium &amp; co&gt;", "devices", "speed-up", "ideal", "measured"] {
+        for text in
+            ["Speed-up &lt;atrium &amp; co&gt;", "devices", "speed-up", "ideal", "measured", "waits", "too few rows"]
+        {
             assert!(svg.contains(text), "{text}");
         }
         assert_eq!(svg.matches("<circle").count(), 4);

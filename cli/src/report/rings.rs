@@ -171,7 +171,7 @@ pub fn ring_charts(rows: &[RingRow], modes: &[&str]) -> Result<String, ReportErr
                     points.push(((ring.inner_deg + ring.outer_deg) / 2.0, ssim));
                     band.push((ssim - spread, ssim + spread));
                 }
-                Series { name: (*mode).to_owned(), points, band: Some(band), guide: false }
+                Series { name: (*mode).to_owned(), points, band: Some(band), ..Series::default() }
             };
             // The first mode appears only in charts against the reference. It comes last, so that the other modes have
             // the same colours in all charts.

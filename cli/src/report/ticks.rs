@@ -28,6 +28,13 @@ impl Ticks {
         Some(if log { Self::logarithmic(low, high) } else { Self::linear(low, high) })
     }
 
+    /// Moves the ticks of a logarithmic axis to powers of two, if there are at least two on it.
+    pub fn with_doubles(self) -> Self {
+        let powers = (-64..=64).map(|power| f64::from(power) * 2f64.log10());
+        let at: Vec<f64> = powers.filter(|c| self.range.contains(c)).collect();
+        if self.log && (2..=20).contains(&at.len()) { Self { at, ..self } } else { self }
+    }
+
     /// Returns the label at an axis coordinate.
     pub fn label(&self, coordinate: f64) -> String {
         number(if self.log { 10f64.powf(coordinate) } else { coordinate })
@@ -111,6 +118,17 @@ mod tests {
         assert_eq!(labels(&[1.0, 16.0], true), ["1", "2", "5", "10"]);
         assert_eq!(labels(&[1e-5, 1.0], true), ["1e-5", "0.0001", "0.001", "0.01", "0.1", "1"]);
         assert_eq!(labels(&[10.0, 11.0], true), ["10", "10.5", "11", "11.5"]);
+    }
+
+    #[test]
+    fn doubles_mark_powers_of_two() {
+        let labels = |values: [f64; 2]| {
+            let ticks = Ticks::fit(values.iter().filter_map(|v| coordinate(*v, true)), true).unwrap().with_doubles();
+            ticks.at.iter().map(|c| ticks.label(*c)).collect::<Vec<_>>()
+        };
+        assert_eq!(labels([1.0, 16.0]), ["1", "2", "4", "8", "16"]);
+        // There is only one power of two.
+        assert!(labels([0.6, 1.9]).len() > 1);
     }
 
     #[test]

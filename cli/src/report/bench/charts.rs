@@ -20,7 +20,7 @@ pub fn svg(title: String, rows: &[SettingRow], noise: Option<&Stereo<Noise>>) ->
         let times_ms = rows.iter().map(|r| r.measured.time_ms);
         let ends = times_ms.fold([f64::INFINITY, 0.0], |[a, b], t| [a.min(t), b.max(t)]);
         let points = ends.map(|t| (t, level)).into();
-        series.push(Series { name: "noise of the reference".into(), points, band: None, guide: true });
+        series.push(Series { name: "noise of the reference".into(), points, guide: true, ..Series::default() });
     }
     time_chart(title, "relMSE, mean of both eyes", &series)
 }
@@ -35,7 +35,7 @@ pub(super) fn fronts(rows: &[SettingRow], error: &str) -> Vec<Series> {
     let series = |denoiser: &Option<Denoiser>| {
         let points = points(&rows.iter().filter(|r| r.quality.denoiser() == *denoiser).collect::<Vec<_>>(), error);
         let points = front(&points).into_iter().map(|i| points[i]).collect();
-        Series { name: Denoiser::name_of(*denoiser).to_owned(), points, band: None, guide: false }
+        Series { name: Denoiser::name_of(*denoiser).to_owned(), points, ..Series::default() }
     };
     denoisers.iter().map(series).collect()
 }

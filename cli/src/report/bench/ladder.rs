@@ -21,7 +21,7 @@ pub fn ladder_svg(title: String, rows: &[SettingRow], peers: &[Peer], ladder: &L
     series.extend(peers::series(peers));
     let point = |r: &Rung| Some((r.time_ms, if is_alone { r.error } else { r.flip? }));
     let points = ladder.rungs().iter().filter_map(point).collect();
-    series.push(Series { name: "ladder".into(), points, band: None, guide: true });
+    series.push(Series { name: "ladder".into(), points, guide: true, ..Series::default() });
     time_chart(title, &format!("{label}, mean of both eyes"), &series)
 }
 
