@@ -28,8 +28,8 @@ impl CoreTime {
         if is_shared { None } else { Self::parse(&read("/proc/stat")?, &read("/proc/self/stat")?) }
     }
 
-    /// Subtracts the time of a process and of its children that ended, in a file like `/proc/self/stat`, from that of all
-    /// programs, in a file like `/proc/stat`.
+    /// Subtracts the time of a process and of its children that ended, in a file like `/proc/self/stat`, from that of
+    /// all programs, in a file like `/proc/stat`.
     fn parse(all: &str, own: &str) -> Option<Self> {
         let cores = all.lines().skip(1).take_while(|line| line.starts_with("cpu")).count();
         let of_cores: Vec<f64> =

@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use anyhow::ensure;
 
+use crate::report::scale::ScaleRow;
 use crate::report::simulation::SimulationRow;
 use diptych::frame::settings::Settings;
 use diptych::graph::FrameGraph;
@@ -13,6 +14,7 @@ use diptych::schedule::{CostModel, Network, Prediction, simulate};
 use super::failure::Failure;
 use super::options::RenderOptions;
 use super::registry::registered;
+use super::scale::Learned;
 use super::setup;
 
 #[derive(clap::Args, Debug)]
@@ -70,34 +72,49 @@ impl Args {
         Ok(())
     }
 
-    /// Predicts frames of `spec` on all requested counts. `model` has learned from such frames, and `measured` lists
-    /// device counts with their makespans in milliseconds; speedups are
-    /// relative to the first.
+    /// Predicts frames on all requested counts, and on the measured ones, with costs that were learned from such
+    /// frames. The first row is the base of speedups.
     pub fn run(
         &self,
         options: &RenderOptions,
-        (spec, model): &(FrameSpec, CostModel),
-        measured: &[(usize, f64)],
+        learned: &[Learned],
+        measured: &[ScaleRow],
     ) -> Result<Vec<SimulationRow>, Failure> {
-        let Some(&(_, base_ms)) = measured.first() else { return Ok(Vec::new()) };
+        let policy = options.settings.policy().name();
+        // The base comes first, whatever its policy is.
+        let is_own = |number: usize, of: &str| number == 0 || of == policy;
+        let own = |number: &usize| is_own(*number, &learned[*number].policy);
+        let own: Vec<usize> = (0..learned.len().min(measured.len())).filter(own).collect();
+        let Some(base) = measured.first() else { return Ok(Vec::new()) };
+        // A measured run has one node per rank.
+        let ranks = crate::node::others().map_or(1, |node| node.ranks());
+        let each_here = |number: usize| {
+            let devices = learned[number].devices;
+            devices.is_multiple_of(ranks).then_some(devices / ranks)
+        };
+        let is_alike = options.settings.speeds.iter().all(|speed| *speed == 1.0);
+        let mut wanted = self.simulate.clone();
+        let here = own.iter().filter_map(|number| Some(Nodes { nodes: ranks, each: each_here(*number)? }));
+        wanted.extend(here.filter(|here| is_alike && !self.simulate.contains(here)));
         let mut rows = Vec::new();
-        for &Nodes { nodes, each } in &self.simulate {
+        for Nodes { nodes, each } in wanted {
             let devices = nodes * each;
             let speeds: Vec<f64> = options.settings.speeds.iter().copied().cycle().take(devices).collect();
+            // Devices that share cores, caches or an adapter take longer the more of them there are.
+            let same = own.iter().copied().find(|number| each_here(*number) == Some(each));
+            let largest = own.iter().copied().rfind(|number| !learned[*number].oversubscribed);
+            let Learned { spec, costs, .. } = &learned[same.or(largest).unwrap_or(0)];
             let program = registered().program(&FrameSpec { devices, ..spec.clone() });
-            let mut simulated = model.on_devices(&program, &speeds);
+            let mut simulated = costs.on_devices(&program, &speeds);
             if nodes > 1 {
-                simulated.network = network(&options.settings, &model.network, nodes, each);
+                simulated.network = network(&options.settings, &costs.network, nodes, each);
             }
             let (_, prediction) = predict(options, &simulated)?;
-            let is_alike = speeds.iter().all(|&s| s == 1.0);
-            // The measured run has one node per rank.
-            let is_here = is_alike && nodes == crate::node::others().map_or(1, |node| node.ranks());
-            let here = measured.iter().find(|(d, _)| is_here && *d == devices);
+            let here = same.filter(|_| is_alike && nodes == ranks).map(|number| measured[number].makespan_ms);
             rows.push(SimulationRow {
-                policy: options.settings.policy().name(),
+                policy,
                 nodes,
-                ..SimulationRow::new(&prediction, &speeds, base_ms, here.map(|(_, ms)| *ms))
+                ..SimulationRow::new(&prediction, &speeds, base.makespan_ms, here)
             });
         }
         Ok(rows)

@@ -43,7 +43,8 @@ pub struct PathShare {
 }
 
 impl SimulationRow {
-    /// Summarises a prediction for devices of these speeds. `base_ms` is the measured makespan of one device of speed 1.
+    /// Summarises a prediction for devices of these speeds. `base_ms` is the measured makespan of one device of speed
+    /// 1.
     pub fn new(prediction: &Prediction, speeds: &[f64], base_ms: f64, measured_ms: Option<f64>) -> Self {
         let devices = speeds.len();
         let speedup = base_ms / prediction.makespan_ms;
@@ -75,6 +76,11 @@ impl SimulationRow {
         }
     }
 
+    /// Returns by which fraction of the measured makespan the simulation is too long; negative if it is too short.
+    pub fn off(&self) -> Option<f64> {
+        Some(self.predicted_ms / self.measured_ms? - 1.0)
+    }
+
     fn critical_path_text(&self) -> String {
         shares_text(self.critical_path.iter().map(|part| (part.what, part.share)))
     }
@@ -83,6 +89,25 @@ impl SimulationRow {
     fn measured_speedup(&self) -> Option<f64> {
         Some(self.base_ms / self.measured_ms?)
     }
+}
+
+/// Largest deviation from measured makespans without a warning.
+const MOST_OFF: f64 = 0.1;
+
+/// Returns how far the simulation is off the measured makespans, and a warning for each count where it is far off.
+pub fn deviations(rows: &[SimulationRow]) -> (Option<String>, Vec<String>) {
+    let off = rows.iter().filter_map(|row| Some((row, row.off()?)));
+    let most = off.clone().map(|(_, off)| off.abs()).reduce(f64::max);
+    let far = off.filter(|(_, off)| off.abs() > MOST_OFF).map(|(row, off)| {
+        let SimulationRow { devices, predicted_ms, .. } = row;
+        let measured_ms = cell(row.measured_ms, 1);
+        let off = off * 100.0;
+        format!(
+            "the simulation of {devices} device(s) is off by {off:+.0} %: {predicted_ms:.1} ms instead of {measured_ms}"
+        )
+    });
+    let text = |most: f64| format!("the simulation is off by at most {:.0} % where it was measured", most * 100.0);
+    (most.map(text), far.collect())
 }
 
 /// Minimum fraction of a frame's time that additional machines must save to be worthwhile.
@@ -133,18 +158,22 @@ pub fn simulation_csv(rows: &[SimulationRow]) -> Csv {
         columns: parts.iter().map(|what| format!("critical_{what}_share")).collect(),
         lines: rows.iter().map(|r| parts.iter().map(|what| format!("{:.5}", share(r, what))).collect()).collect(),
     };
-    let last: [Column<SimulationRow>; 2] =
-        [("policy", |r| r.policy.to_owned()), ("base_ms", |r| format!("{:.4}", r.base_ms))];
+    let last: [Column<SimulationRow>; 3] = [
+        ("policy", |r| r.policy.to_owned()),
+        ("base_ms", |r| format!("{:.4}", r.base_ms)),
+        ("predicted_off", |r| number(r.off(), 4)),
+    ];
     Csv::new(&COLUMNS, rows).beside(shares).beside(Csv::new(&last, rows))
 }
 
-const SHOWN: [Column<SimulationRow>; 8] = [
+const SHOWN: [Column<SimulationRow>; 9] = [
     ("simulated", |r| match r.nodes {
         1 => r.devices.to_string(),
         nodes => format!("{nodes}x{}", r.devices / nodes),
     }),
     ("makespan ms", |r| format!("{:.1}", r.predicted_ms)),
     ("measured ms", |r| cell(r.measured_ms, 1)),
+    ("off by", |r| r.off().map_or("-".to_owned(), |off| format!("{:+.1} %", off * 100.0))),
     ("speed-up", |r| format!("{:.2}", r.speedup)),
     ("efficiency", |r| format!("{:.2}", r.efficiency)),
     ("imbalance", |r| format!("{:.3}", r.imbalance)),
@@ -165,7 +194,7 @@ pub fn simulation_svg(title: String, rows: &[SimulationRow]) -> Result<String, R
         let own = rows.iter().filter(|r| policy.is_none_or(|policy| r.policy == policy));
         let mut points: Vec<_> = own.filter_map(|r| Some((r.devices as f64, of(r)?))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        Series { name, points, band: None, guide }
+        Series { name, points, guide, ..Series::default() }
     };
     let mut series = vec![line("ideal".to_owned(), None, |r| Some(r.speedup / r.efficiency), true)];
     let policies = once(rows.iter().map(|r| r.policy));
@@ -229,10 +258,25 @@ mod tests {
         let table = simulation_csv(&rows);
         let known = ["devices", "predicted_ms", "measured_ms", "limit", "critical_atrous_share"];
         assert_eq!(known.map(|name| table.value(0, name)), ["2", "50.0000", "60.0000", "imbalance", "0.14000"]);
-        assert_eq!(table.columns.last().map(String::as_str), Some("base_ms"));
+        assert!(table.columns.join(",").ends_with("policy,base_ms,predicted_off"), "{:?}", table.columns);
+        assert_eq!((table.value(0, "predicted_off"), table.value(1, "predicted_off")), ("-0.1667", ""));
         assert_eq!(table.value(0, "base_ms"), "90.0000");
         assert_eq!((table.value(1, "devices"), table.value(1, "measured_ms")), ("4", ""));
         let dots = |rows: &[SimulationRow]| simulation_svg("t".into(), rows).unwrap().matches("<circle").count();
         assert_eq!((dots(&rows), dots(&rows[1..])), (3, 1));
+    }
+
+    #[test]
+    fn far_simulations_have_a_warning() {
+        let of = |measured_ms| SimulationRow { measured_ms, ..row() };
+        assert_eq!(deviations(&[of(None)]), (None, Vec::new()));
+        let (text, far) = deviations(&[of(None), of(Some(48.0))]);
+        assert_eq!(
+            (text.as_deref(), far.len()),
+            (Some("the simulation is off by at most 4 % where it was measured"), 0)
+        );
+        let (text, far) = deviations(&[of(Some(40.0)), of(Some(52.0))]);
+        assert!(text.unwrap().contains("at most 25 %"));
+        assert_eq!(far, ["the simulation of 2 device(s) is off by +25 %: 50.0 ms instead of 40.0"]);
     }
 }

@@ -23,11 +23,12 @@ pub struct Seen {
 }
 
 impl Seen {
-    pub fn add(&mut self, picture: Stereo<RgbImage>, frame: Option<FrameReport>) {
+    pub fn add(&mut self, picture: Option<Stereo<RgbImage>>, frame: Option<FrameReport>) {
         self.frames.extend(frame);
-        match &self.picture {
-            None => self.picture = Some(picture),
-            Some(first) => self.same_bytes.push(same_bits(first, &picture)),
+        match (&self.picture, picture) {
+            (Some(first), Some(picture)) => self.same_bytes.push(same_bits(first, &picture)),
+            (None, picture) => self.picture = picture,
+            (Some(_), None) => {}
         }
     }
 

@@ -4,7 +4,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
-use crate::common::{Folder, Said};
+use crate::common::{Folder, Said, Share};
 use diptych::quality::FrameQuality;
 use diptych_cli::report::play::SETTLING_FRAMES;
 use serde_json::Value;
@@ -426,7 +426,7 @@ fn play_stops_if_nothing_fits_unless_it_keeps_going() {
 /// The time of other programs is read before the preparations, before the frames and after them.
 #[test]
 fn play_tells_once_that_others_are_busy() {
-    let cases: [(fn(u32) -> f64, f64, &str); 4] = [
+    let cases: [(Share, f64, &str); 4] = [
         (|_| 0.04, 0.04, ""),
         (|_| 0.4, 0.4, "other programs take 40 % of the cores"),
         (|reading| if reading == 2 { 0.3 } else { 0.0 }, 0.3, "other programs took 30 % of the cores"),

@@ -1,12 +1,12 @@
 //! `scale` reports its measurements in a table for programs and on a self-contained page.
 
-use crate::common::Folder;
+use crate::common::{Folder, Share};
 use crate::runs::run;
 use serde_json::Value;
 
 /// Scales a small scene with files in `out`; returns the result.
 fn scale(folder: &Folder, options: &str) -> Value {
-    let line = "scale builtin:checker --size 48x32 --threads-per-device 1 --json --out ./";
+    let line = "scale builtin:checker --size 48x32 --frames 5 --threads-per-device 1 --json --out ./";
     folder.run(&format!("{line} {options}")).json()
 }
 
@@ -20,9 +20,18 @@ fn rows_have_spread_and_transferred_bytes() {
             ["makespan_ms", "makespan_ms_min", "makespan_ms_max", "makespan_ms_iqr"].map(|key| number(row, key));
         assert!(least <= median && median <= most && (0.0..=most - least).contains(&iqr), "{row}");
         // Frames take a few milliseconds beside other load. An error in the model would exceed this by far.
-        assert!((0.0..1.0).contains(&number(row, "prediction_error")) && row["frames"] == 5, "{row}");
+        assert!((0.0..1.0).contains(&number(row, "prediction_error")) && row["frames"] == 12, "{row}");
     }
     assert_eq!((number(&rows[0], "bytes_per_frame"), number(&rows[0], "speedup_error")), (0.0, 0.0));
+    let interval = |row: &Value, name: &str| ["low", "high"].map(|end| number(row, &format!("{name}_{end}")));
+    let [low, high] = interval(&rows[1], "speedup");
+    assert!((low..=high).contains(&number(&rows[1], "speedup")), "{}", rows[1]);
+    let [low, high] = interval(&rows[0], "makespan_ms");
+    assert!((low..=high).contains(&number(&rows[0], "makespan_ms")), "{}", rows[0]);
+    assert_eq!((&rows[0]["limit"], rows[1]["limit"].is_string()), (&Value::Null, true));
+    assert!((0.0..1.0).contains(&number(&rows[1], "others_share")), "{}", rows[1]);
+    let law = &run.result["amdahl"][0];
+    assert!(law["policy"] == "measured" && law["interval"].is_array(), "{law}");
     assert!(number(&rows[1], "bytes_per_frame") > 0.0 && number(&rows[1], "speedup_error") > 0.0, "{}", rows[1]);
 
     let (columns, lines) = run.csv("scale.csv");
@@ -115,11 +124,59 @@ fn page_of_scale_is_complete() {
     assert_eq!(run.text("simulate.csv").lines().count(), 4);
 }
 
-/// Each frame is timed while others are in flight behind it, which are not timed. Five frames give four periods.
+/// Each frame is timed while others are in flight before and behind it, which are not timed.
 #[test]
 fn frames_in_flight_are_timed_from_end_to_end() {
     for row in run("in flight").rows() {
-        assert_eq!((&row["frames"], &row["periods"]), (&5.into(), &4.into()), "{row}");
+        assert_eq!((&row["frames"], &row["periods"]), (&12.into(), &12.into()), "{row}");
         assert_eq!(row["period_ms"], row["interval_ms"], "{row}");
     }
+}
+
+/// A second passes in each turn. Before the turns, the time of other programs is read three times.
+#[test]
+fn turns_beside_busy_programs_do_not_count() {
+    let cases: [(Share, u64, f64, &str); 3] = [
+        (|_| 0.04, 12, 0.04, ""),
+        (
+            |reading| if reading < 3 + 7 { 0.0 } else { 0.5 },
+            7,
+            0.0,
+            "50 % of the cores in 5 of 12 turns: these turns do",
+        ),
+        (
+            |reading| if reading < 3 + 4 { 0.0 } else { 0.6 },
+            12,
+            0.4,
+            "60 % of the cores in 8 of 12 turns: this run cannot",
+        ),
+    ];
+    for (share, frames, of_frames, expected) in cases {
+        let folder = Folder::new();
+        let line = "scale builtin:checker --size 48x32 --counts 2 --threads-per-device 1 --warm-up 1 --out ./";
+        let said = folder.run_beside(share, &format!("{line} --json"));
+        let warnings: Vec<&str> = said.errors.lines().filter(|line| line.contains("other programs")).collect();
+        assert!(warnings.len() == usize::from(!expected.is_empty()) && said.errors.contains(expected), "{warnings:?}");
+        for row in said.json()["rows"].as_array().unwrap() {
+            assert_eq!(row["frames"], frames, "{row}");
+            assert!((row["others_share"].as_f64().unwrap() - of_frames).abs() < 1e-9, "{row}");
+        }
+        assert_eq!(folder.json("run.json")["frames"].as_array().unwrap().len(), 24);
+    }
+}
+
+#[test]
+fn every_measured_count_is_simulated() {
+    let folder = Folder::new();
+    let result = scale(&folder, "--counts 1,2 --simulate 4");
+    let simulated = result["simulated"].as_array().unwrap();
+    let devices: Vec<_> = simulated.iter().map(|row| row["devices"].as_u64().unwrap()).collect();
+    assert_eq!(devices, [4, 1, 2]);
+    assert!(simulated[0]["measured_ms"].is_null());
+    let rows = result["rows"].as_array().unwrap();
+    for (row, measured) in simulated[1..].iter().zip(rows) {
+        assert_eq!(row["measured_ms"], measured["makespan_ms"], "{row}");
+    }
+    let off: Vec<String> = folder.text("simulate.csv").lines().map(|l| l.rsplit(',').next().unwrap().into()).collect();
+    assert!(off[0] == "predicted_off" && off[1].is_empty() && off[2].parse::<f64>().is_ok(), "{off:?}");
 }

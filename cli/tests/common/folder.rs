@@ -6,7 +6,7 @@ use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::Value;
 
-use super::{beside, diptych, program};
+use super::{Share, beside, diptych, program};
 
 /// A folder for the files of a test. In command lines, `./NAME` and `OPTION=./NAME` are files in it, and `''` is an
 /// empty argument.
@@ -87,7 +87,7 @@ impl Folder {
 
     /// Runs a command that must succeed beside other programs that take a share of the cores.
     #[track_caller]
-    pub fn run_beside(&self, share: fn(u32) -> f64, line: &str) -> Said {
+    pub fn run_beside(&self, share: Share, line: &str) -> Said {
         Said::new(beside(&self.words(line), share)).success(line)
     }
 

@@ -39,8 +39,8 @@ impl Write for Stream {
 }
 
 /// Runs a command in this process, on devices that keep their pipelines for the next command. [`program`] is for
-/// commands that need a process: for its signals, streams, environment or folder. With `--trace` it runs here as well, since
-/// a process records its spans once.
+/// commands that need a process: for its signals, streams, environment or folder. With `--trace` it runs here as well,
+/// since a process records its spans once.
 fn diptych(args: &[String]) -> Output {
     if args.iter().any(|arg| arg == "--trace") {
         return program(args).output().unwrap_or_else(|e| panic!("cannot start diptych: {e}"));
@@ -48,9 +48,12 @@ fn diptych(args: &[String]) -> Output {
     beside(args, |_| 0.0)
 }
 
+/// Fraction of the cores that other programs take, by the number of the reading.
+pub type Share = fn(u32) -> f64;
+
 /// Runs a command in this process beside other programs that seem to take `share` of the cores. A second passes between
 /// the readings of their time; `share` gets the number of the reading.
-fn beside(args: &[String], share: fn(u32) -> f64) -> Output {
+fn beside(args: &[String], share: Share) -> Output {
     let [out, error] = [Stream::default(), Stream::default()];
     let time = Mutex::new((0, CoreTime::default()));
     let clock = move || {

@@ -1,0 +1,136 @@
+//! Chart and page sections of scaling, and Amdahl's law.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::limits::limits_table;
+use super::{ScaleRow, scale_table};
+use crate::report::html::Section;
+use crate::report::plot::{Axis, Chart, Series, line_chart_svg};
+use crate::report::study::interval_of_median;
+use crate::report::{ReportError, once};
+
+/// Amdahl's law, fitted by least squares to the periods of a policy: the part of the base's time that does not become
+/// shorter with more devices (Amdahl 1967, "Validity of the single processor approach").
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Amdahl {
+    pub policy: String,
+    pub serial_share: f64,
+    /// Ends of the 95 % interval of `serial_share`, over turns; `None` for fewer than six.
+    pub interval: Option<[f64; 2]>,
+}
+
+impl Amdahl {
+    /// Fits the law to the rows of each policy, of which the first is the base. Devices that share cores do not count.
+    pub fn of_rows(rows: &[ScaleRow]) -> Vec<Self> {
+        let Some((base, rows)) = rows.split_first() else { return Vec::new() };
+        let own: Vec<&ScaleRow> = rows.iter().filter(|row| !row.oversubscribed && row.devices > base.devices).collect();
+        let fit = |policy: &str| {
+            let own: Vec<&ScaleRow> = own.iter().copied().filter(|row| row.policy == policy).collect();
+            let of = |ratio: &dyn Fn(&ScaleRow) -> Option<f64>| {
+                let points = own.iter().filter_map(|row| {
+                    let part = base.devices as f64 / row.devices as f64;
+                    Some((1.0 - part, ratio(row)? - part))
+                });
+                let (xy, xx) = points.fold((0.0, 0.0), |(xy, xx), (x, y)| (xy + x * y, xx + x * x));
+                (xx > 0.0).then(|| xy / xx)
+            };
+            let turn = |turn: usize| of(&|row| Some(row.turns_ms.get(turn)? / base.turns_ms.get(turn)?));
+            let turns: Vec<f64> = (0..base.turns_ms.len()).filter_map(turn).collect();
+            let serial_share = of(&|row| Some(row.period_ms / base.period_ms))?;
+            let interval = interval_of_median(&turns).map(|[a, b]| [a.min(serial_share), b.max(serial_share)]);
+            Some(Self { policy: policy.to_owned(), serial_share, interval })
+        };
+        once(own.iter().map(|row| row.policy.as_str())).into_iter().filter_map(fit).collect()
+    }
+
+    /// Returns the speedup that the law gives `times` as many devices as the base has.
+    fn speedup(&self, times: f64) -> f64 {
+        1.0 / (self.serial_share + (1.0 - self.serial_share) / times)
+    }
+}
+
+impl fmt::Display for Amdahl {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let share = self.serial_share;
+        write!(f, "Amdahl's law, {}: {:.1} % of the time is serial", self.policy, share * 100.0)?;
+        if let Some([low, high]) = self.interval {
+            write!(f, " ({:.1} to {:.1})", low * 100.0, high * 100.0)?;
+        }
+        if (1e-3..1.0).contains(&share) {
+            write!(f, ", at most {:.1} times as fast with any number of devices", 1.0 / share)
+        } else {
+            Ok(())
+        }
+    }
+}
+
+/// Plots speedup over device counts with a band for its interval, beside the ideal and Amdahl's law.
+///
+/// # Errors
+/// [`ReportError`] if there is nothing to draw.
+pub fn scale_svg(title: String, rows: &[ScaleRow]) -> Result<String, ReportError> {
+    let first = rows.first().map_or(1.0, |r| r.devices as f64);
+    let counts = once(rows.iter().map(|r| r.devices as f64));
+    let guide = |name: String, of: &dyn Fn(f64) -> f64| {
+        let points = counts.iter().map(|count| (*count, of(count / first))).collect();
+        Series { name, points, guide: true, ..Series::default() }
+    };
+    let mut series = vec![guide("ideal".into(), &|times| times)];
+    let policies = once(rows.iter().map(|r| r.policy.as_str()));
+    let of_policy = |what: String, policy: &str| if policies.len() > 1 { format!("{what}, {policy}") } else { what };
+    for policy in &policies {
+        // The line of every policy starts at the base, which is the first row.
+        let own = || rows.iter().enumerate().filter(|(i, r)| *i == 0 || r.policy == *policy).map(|(_, row)| row);
+        let band = |r: &ScaleRow| {
+            let error = [r.speedup - r.speedup_error, r.speedup + r.speedup_error];
+            (r.speedup_low.unwrap_or(error[0]), r.speedup_high.unwrap_or(error[1]))
+        };
+        series.push(Series {
+            name: of_policy("measured".into(), policy),
+            points: own().map(|r| (r.devices as f64, r.speedup)).collect(),
+            labels: own().map(|r| r.limit.unwrap_or_default().to_owned()).collect(),
+            band: Some(own().map(band).collect()),
+            ..Series::default()
+        });
+    }
+    for law in Amdahl::of_rows(rows) {
+        let name = format!("Amdahl's law, {:.0} % serial", law.serial_share * 100.0);
+        series.push(guide(of_policy(name, &law.policy), &|times| law.speedup(times)));
+    }
+    let axis = |label: &str| Axis { label: label.to_owned(), log: true, doubles: true };
+    line_chart_svg(&Chart { title, x: axis("devices"), y: axis("speed-up") }, &series)
+}
+
+/// Returns the sections of a page on scaling and its limits; `figure` is the plot.
+pub fn scale_sections(rows: &[ScaleRow], figure: String) -> [Section; 2] {
+    let scaling = "Makespan: median latency of a frame, from its plan until both images are on the primary. A frame \
+        every: median interval between the ends of consecutive frames. The period is the makespan or, with several \
+        frames in flight, that interval. Spread: interquartile range of the periods over their median. Speed-up: the \
+        first row's period over this row's. Counts take turns, and intervals are those of the median over turns, in 95 \
+        of 100 cases; fewer than six turns have none. Imbalance: busy time of \
+        the busiest device over the mean. Transfers: host time spent in transfers; idle: time in which a queue ran no \
+        stage; both as fractions of period times devices. Predicted off by: median error of the cost model's predicted \
+        makespan, relative to the measured one.";
+    let oversubscribed = "Oversubscribed: the devices together have more threads than there are cores, so they take \
+        time from one another. Their speed-up says nothing about separate devices.";
+    let limits = "Fractions of the devices' time (period times devices) by cause. Work: time in stages that the first \
+        row's devices needed as well; ideally, all time is work. Slower stages: additional time for the same rows, \
+        because devices share cores, caches or an adapter. Redundant rows: rows that several devices compute, such as \
+        margins; they limit devices that have too few rows. Imbalance: idle time of devices with less work than the \
+        busiest one. Then even the busiest device is idle: in transfers; in the serial part, before the first stage \
+        and after the last one; and in other waits.";
+    let mut notes = vec![scaling.to_owned()];
+    notes.extend(rows.iter().any(|r| r.oversubscribed).then(|| oversubscribed.to_owned()));
+    notes.extend(Amdahl::of_rows(rows).iter().map(Amdahl::to_string));
+    [
+        Section { heading: "Scaling", notes, table: Some(scale_table(rows)), figure: Some(figure) },
+        Section {
+            heading: "What limits each count",
+            notes: vec![limits.to_owned()],
+            table: Some(limits_table(rows)),
+            figure: None,
+        },
+    ]
+}
