@@ -1,5 +1,6 @@
 //! Fraction of the cores that other programs take. Frames take longer while they do.
 
+use std::collections::VecDeque;
 use std::fs;
 
 use super::{console, node};
@@ -8,6 +9,8 @@ use super::{console, node};
 pub const NOTICEABLE: f64 = 0.05;
 /// Shortest time over which the fraction is known, since systems count the time of programs in ticks of 10 ms, seconds.
 const SHORTEST_S: f64 = 0.5;
+/// Time before the end of a frame for which the fraction is told. It is no more exact than 5 %.
+const RECENT_S: f64 = 0.2;
 /// Duration of a tick in the files of Linux, seconds.
 const TICK_S: f64 = 0.01;
 
@@ -47,8 +50,12 @@ impl CoreTime {
     /// Returns the fraction of the cores that other programs took since an earlier time; `None` if that was too short
     /// ago.
     pub fn share_since(self, before: Self) -> Option<f64> {
+        self.share_over(SHORTEST_S, before)
+    }
+
+    fn share_over(self, least_s: f64, before: Self) -> Option<f64> {
         let all_s = self.all_s - before.all_s;
-        (all_s >= SHORTEST_S).then(|| ((self.others_s - before.others_s) / all_s).clamp(0.0, 1.0))
+        (all_s >= least_s).then(|| ((self.others_s - before.others_s) / all_s).clamp(0.0, 1.0))
     }
 }
 
@@ -83,6 +90,26 @@ impl Others {
     }
 }
 
+/// Measures what other programs take around each frame of a sequence.
+#[derive(Default)]
+pub struct RecentOthers(VecDeque<CoreTime>);
+
+impl RecentOthers {
+    /// Returns the fraction that other programs took shortly before now. Call this once per frame.
+    pub fn share(&mut self) -> Option<f64> {
+        self.share_at(console::core_time()?)
+    }
+
+    fn share_at(&mut self, now: CoreTime) -> Option<f64> {
+        self.0.push_back(now);
+        // Keep one time that is long enough ago.
+        while self.0.get(1).is_some_and(|next| now.all_s - next.all_s >= RECENT_S) {
+            self.0.pop_front();
+        }
+        now.share_over(RECENT_S, *self.0.front()?)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -113,5 +140,19 @@ mod tests {
         assert_eq!(now.share_since(CoreTime { others_s: 2.0, all_s: 8.9 }), None);
         // Ticks round, so the time of others may seem to go back.
         assert_eq!(now.share_since(CoreTime { others_s: 2.1, all_s: 8.0 }), Some(0.0));
+    }
+
+    #[test]
+    fn recent_share_forgets_earlier_load() {
+        let mut recent = RecentOthers::default();
+        // Frames of 0.125 s; half of the cores are busy during the first four.
+        let mut share = |frame: u32| {
+            let all_s = f64::from(frame) * 0.125;
+            recent.share_at(CoreTime { others_s: 0.5 * all_s.min(0.5), all_s })
+        };
+        let found: Vec<_> = (0..8).map(&mut share).collect();
+        let expected = [None, None, Some(0.5), Some(0.5), Some(0.5), Some(0.25), Some(0.0), Some(0.0)];
+        assert_eq!(found, expected);
+        assert!(recent.0.len() <= 3, "{}", recent.0.len());
     }
 }

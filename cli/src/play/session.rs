@@ -25,6 +25,7 @@ use super::prepared::Prepared;
 use super::status_lines::StatusLines;
 use crate::failure::Failure;
 use crate::faults::FaultLog;
+use crate::others::RecentOthers;
 use crate::progress::Progress;
 use crate::setup::Tracing;
 use crate::{interrupt, settings};
@@ -42,6 +43,7 @@ pub struct Session {
     faults: FaultLog,
     causes: LateCauses,
     heartbeat: Heartbeat,
+    others: RecentOthers,
     disturb: Vec<Disturbance>,
 }
 
@@ -93,6 +95,7 @@ impl Session {
             faults: FaultLog::default(),
             causes: LateCauses::default(),
             heartbeat: Heartbeat::start(),
+            others: RecentOthers::default(),
             disturb: prepared.render.settings.disturb.clone(),
         })
     }
@@ -133,7 +136,7 @@ impl Session {
         let mut control = FrameControl { rung, budget_ms: self.budget_ms(), expected_ms, fits, shown: None };
         if let Some(deadline) = deadline {
             row.miss(deadline.missed_periods);
-            let around = self.surroundings(frame.index, &deadline);
+            let around = Surroundings { others: self.others.share(), ..self.surroundings(frame.index, &deadline) };
             let cause = self.causes.cause(frame, &deadline, &control, &around);
             let shown = control.shown.insert(Presented { deadline, cause, around });
             row.deadline = Some(DeadlineRow::new(frame, shown));
