@@ -133,11 +133,15 @@ impl LateCauses {
         let most = parts.iter().map(|part| (excess(part), part)).max_by(|(a, _), (b, _)| a.total_cmp(b));
         let host_ms: f64 = [START, BEFORE, AFTER].into_iter().map(usual_ms).sum();
         // An unknown expectation is not a number, and exceeds nothing.
-        let most_ms = most.map_or(0.0, |(ms, _)| ms).max(0.0);
-        if control.expected_ms + host_ms - deadline.period_ms() > most_ms {
-            return Some(if control.fits { EXPECTED } else { UNFIT }.to_owned());
+        let (most_ms, others) = (most.map_or(0.0, |(ms, _)| ms).max(0.0), others.unwrap_or(0.0));
+        let planned_over_ms = |expected_ms: f64| expected_ms + host_ms - deadline.period_ms();
+        if planned_over_ms(control.expected_ms) > most_ms {
+            // Without other programs, the frame would take this fraction of the time.
+            let is_due_to_others =
+                others > OTHERS_SHARE && planned_over_ms(control.expected_ms * (1.0 - others)) <= 0.0;
+            let planned = if control.fits { EXPECTED } else { UNFIT };
+            return Some(if is_due_to_others { OTHERS } else { planned }.to_owned());
         }
-        let others = others.unwrap_or(0.0);
         if others <= OVERLOAD && *paused_ms > 0.5 * most_ms {
             return Some(PAUSED.to_owned());
         }
@@ -378,7 +382,9 @@ mod tests {
     fn frames_planned_over_the_period_are_late_as_expected() {
         let mut run = Run::new();
         assert_eq!(run.with([0.0, 1.0, 15.0, 2.0, 1.0], 18.0, None, None).as_deref(), Some("path_trace on device 1"));
-        assert_eq!(run.with([0.0, 1.0, 9.0, 7.0, 1.0], 20.0, None, Some(0.5)).as_deref(), Some(EXPECTED));
+        assert_eq!(run.with([0.0, 1.0, 9.0, 7.0, 1.0], 20.0, None, Some(0.05)).as_deref(), Some(EXPECTED));
+        assert_eq!(run.with([0.0, 1.0, 9.0, 7.0, 1.0], 20.0, None, Some(0.5)).as_deref(), Some(OTHERS));
+        assert_eq!(run.with([0.0, 1.0, 9.0, 7.0, 1.0], 40.0, None, Some(0.2)).as_deref(), Some(UNFIT));
         assert_eq!(run.with([0.0, 1.0, 9.0, 7.0, 1.0], 40.0, None, None).as_deref(), Some(UNFIT));
         assert!(run.with([0.0, 1.0, 9.0, 9.0, 1.0], f64::NAN, None, None).unwrap().starts_with("wait"));
     }
