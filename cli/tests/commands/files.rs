@@ -73,7 +73,7 @@ fn frames_csv_has_a_line_per_frame() {
         ("render", 3, 0),
         ("reference", 2, 0),
         ("play", 8, 0),
-        ("scale", 10, 0),
+        ("scale", 24, 0),
         ("bench", 5 * 2, 2),
         ("seams", 4 * 2, 1),
         ("leria", 2 * 2 * 3 * 3, 5),
