@@ -8,8 +8,9 @@ mod turns;
 use std::collections::BTreeSet;
 use std::time::Instant;
 
-use crate::report::scale::{Amdahl, ScaleRow, scale_table};
+use crate::report::scale::{Law, ScaleRow, scale_table};
 use crate::report::simulation::{deviations, enough_nodes, simulation_csv, simulation_table};
+use diptych::image::Extent;
 use diptych::schedule::{Balance, Network};
 
 use super::failure::Failure;
@@ -35,6 +36,9 @@ pub struct Args {
     /// Virtual devices on each adapter; one device is always measured
     #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     counts: Vec<u16>,
+    /// Let the pixels grow with the devices, as in weak scaling
+    #[arg(long, conflicts_with = "simulate", help_heading = options::DEVICES)]
+    weak: bool,
     #[command(flatten)]
     simulation: simulate::Args,
     /// Also write report.html
@@ -82,6 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let start = |(options, each, devices): (RenderOptions, usize, usize)| {
         interrupt::check()?;
         let shared = gpus.shared(|index| index % most < each && (devices > 1 || index == 0));
+        let options = if args.weak { with_pixels(options, devices as f64) } else { options };
         let mut own = shared.map_or_else(|| setup::open_devices(&options, each), Ok)?;
         own.truncate(devices);
         measuring.subject(options, own)
@@ -120,11 +125,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn conclude(args: &Args, options: &RenderOptions, found: &Results, files: &str) {
     let Results { rows, simulated, learned, .. } = found;
     if options.json {
-        let laws = Amdahl::of_rows(rows);
-        say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated, "amdahl": laws }));
+        let laws = Law::of_rows(rows);
+        say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated, "laws": laws }));
     } else if !options.quiet {
         say!("{}", scale_table(rows).text().trim_end());
-        Amdahl::of_rows(rows).iter().for_each(|law| say!("{law}"));
+        Law::of_rows(rows).iter().for_each(|law| say!("{law}"));
         let network = learned.last().map(|learned| learned.costs.network.clone()).unwrap_or_default();
         let Network { latency_ms, ms_per_byte, .. } = network;
         if latency_ms > 0.0 {
@@ -158,6 +163,14 @@ fn of_policies(flags: &RenderFlags) -> Result<Vec<RenderOptions>, Failure> {
         one.options().map_err(Failure::Input)
     };
     policies.iter().map(with).collect()
+}
+
+/// Returns options for `times` as many pixels of the same picture.
+fn with_pixels(mut options: RenderOptions, times: f64) -> RenderOptions {
+    let size = &mut options.run.settings.size;
+    let grown = |pixels: u32| (f64::from(pixels) * times.sqrt()).round() as u32;
+    *size = Extent::new(grown(size.width), grown(size.height));
+    options
 }
 
 /// Returns the requested counts, ascending and without duplicates. Omits the count that gives a single device in total:

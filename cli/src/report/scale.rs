@@ -12,7 +12,7 @@ use super::{Table, imbalance, median_of, percent};
 use diptych::exec::{FrameReport, TimedTask};
 use limits::{Causes, Losses};
 
-pub use chart::{Amdahl, scale_sections, scale_svg};
+pub use chart::{Law, scale_sections, scale_svg};
 
 /// One row of `scale.csv`, for one device count. Values over frames are medians, and makespans exclude auxiliary
 /// images.
@@ -40,7 +40,7 @@ pub struct ScaleRow {
     pub periods: usize,
     /// Number of devices of the row that speedups are relative to (the base).
     pub base_devices: usize,
-    /// Speedup over the base.
+    /// Speedup over the base, for the same number of pixels.
     pub speedup: f64,
     /// Standard error of the speedup, from the scatter of periods in this row and in the base.
     pub speedup_error: f64,
@@ -69,6 +69,8 @@ pub struct ScaleRow {
     pub speedup_high: Option<f64>,
     /// Fraction of the cores that other programs took in the turns that count; `None` if it is not known.
     pub others_share: Option<f64>,
+    /// Number of pixels over that of the base: 1, or the number of devices over the base's in weak scaling.
+    pub work: f64,
     /// Largest loss of speedup, or `work` if losses are negligible. `None` for the base.
     pub limit: Option<&'static str>,
     /// Devices' time by cause, as fractions of `period_ms` times the number of devices.
@@ -82,8 +84,9 @@ pub struct ScaleRow {
 }
 
 impl ScaleRow {
-    /// Summarises the timed frames of turns, without a comparison with the base.
-    pub fn new(devices: usize, frames: &[FrameReport]) -> Self {
+    /// Summarises the timed frames of turns, without a comparison with the base. They have `work` times as many pixels
+    /// as those of the base.
+    pub fn new(devices: usize, work: f64, frames: &[FrameReport]) -> Self {
         let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
         let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
         let makespan_ms = |f: &FrameReport| f.makespan_ms - aov_ms(&f.tasks);
@@ -99,6 +102,7 @@ impl ScaleRow {
         let causes = Causes::of(frames);
         Self {
             devices,
+            work,
             frames: frames.len(),
             makespan_ms: median_of(makespans_ms.clone()),
             makespan_ms_min: makespans_ms.iter().copied().fold(f64::INFINITY, f64::min),
@@ -129,11 +133,12 @@ impl ScaleRow {
             let losses = Losses::of(&self, &self);
             return Self { base_devices: self.devices, speedup: 1.0, efficiency: 1.0, losses, ..self };
         };
-        let speedup = base.period_ms / self.period_ms;
+        let speedup = self.work * base.period_ms / self.period_ms;
         let efficiency = speedup * base.devices as f64 / self.devices as f64;
         let speedup_error = speedup * base.relative_error().hypot(self.relative_error());
         // Frames of a turn have the same load beside them.
-        let of_turns: Vec<f64> = base.turns_ms.iter().zip(&self.turns_ms).map(|(base, own)| base / own).collect();
+        let turns = base.turns_ms.iter().zip(&self.turns_ms);
+        let of_turns: Vec<f64> = turns.map(|(base, own)| self.work * base / own).collect();
         // The median of ratios may differ from the ratio of medians.
         let interval = interval_of_median(&of_turns).map(|[low, high]| [low.min(speedup), high.max(speedup)]);
         let [speedup_low, speedup_high] = ends(interval);
@@ -185,7 +190,7 @@ fn interquartile_range(values: Vec<f64>) -> f64 {
 /// Largest efficiency that scatter explains.
 const MOST_EFFICIENCY: f64 = 1.02;
 
-const COLUMNS: [Column<ScaleRow>; 32] = [
+const COLUMNS: [Column<ScaleRow>; 33] = [
     ("devices", |r| r.devices.to_string()),
     ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
     ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
@@ -211,6 +216,7 @@ const COLUMNS: [Column<ScaleRow>; 32] = [
     ("speedup_low", |r| number(r.speedup_low, 4)),
     ("speedup_high", |r| number(r.speedup_high, 4)),
     ("others_share", |r| number(r.others_share, 4)),
+    ("work", |r| format!("{:.4}", r.work)),
     ("limit", |r| r.limit.unwrap_or_default().to_owned()),
     ("lost_slower", |r| format!("{:.4}", r.losses.lost_slower)),
     ("lost_redundant", |r| format!("{:.4}", r.losses.lost_redundant)),

@@ -61,9 +61,10 @@ impl Results {
     /// Adds the results of a number of devices. Of its frames, those of quiet turns count.
     pub fn add(&mut self, of: &Measuring<'_>, subject: Subject, quiet: &Quiet) -> Result<(), Failure> {
         let Measuring { args, options, loaded, .. } = of;
-        let Subject { frames, costs, mut renderer, oversubscribed, .. } = subject;
+        let Subject { options: own, frames, costs, mut renderer, oversubscribed, .. } = subject;
         let (infos, policy) = (renderer.devices().to_vec(), renderer.policy_name().to_owned());
-        let mut row = ScaleRow::new(infos.len(), &quiet.of_turns(&frames));
+        let area = |options: &RenderOptions| options.settings.size.area() as f64;
+        let mut row = ScaleRow::new(infos.len(), area(&own) / area(options), &quiet.of_turns(&frames));
         row.policy.clone_from(&policy);
         (row.threads_per_device, row.others_share) = (common_threads(&infos), quiet.others_share);
         row.oversubscribed = oversubscribed;

@@ -16,8 +16,9 @@ use diptych::loaded::LoadedScene;
 pub struct Seen {
     /// The last frame on one device.
     picture: Option<Stereo<RgbImage>>,
-    /// For each further measurement, true if its last frame has the same bytes as `picture`.
-    same_bytes: Vec<bool>,
+    /// For each further measurement, true if its last frame has the same bytes as `picture`; `None` if it has another
+    /// size.
+    same_bytes: Vec<Option<bool>>,
     /// A frame of median makespan for each row.
     frames: Vec<FrameReport>,
 }
@@ -26,7 +27,10 @@ impl Seen {
     pub fn add(&mut self, picture: Option<Stereo<RgbImage>>, frame: Option<FrameReport>) {
         self.frames.extend(frame);
         match (&self.picture, picture) {
-            (Some(first), Some(picture)) => self.same_bytes.push(same_bits(first, &picture)),
+            (Some(first), Some(picture)) => {
+                let is_alike = first.left.extent == picture.left.extent;
+                self.same_bytes.push(is_alike.then(|| same_bits(first, &picture)));
+            }
             (None, picture) => self.picture = picture,
             (Some(_), None) => {}
         }
@@ -36,7 +40,8 @@ impl Seen {
         let Some(picture) = &self.picture else { return Ok(None) };
         let bytes = match &self.same_bytes[..] {
             [] => "Only one count was measured.",
-            same if same.iter().all(|same| *same) => "All counts gave the same bytes.",
+            same if same.contains(&None) => "Counts have different sizes.",
+            same if same.iter().all(|same| *same == Some(true)) => "All counts gave the same bytes.",
             _ => "Not all counts gave the same bytes.",
         };
         let note = format!("The last frame of one device. {bytes}");

@@ -30,8 +30,8 @@ fn rows_have_spread_and_transferred_bytes() {
     assert!((low..=high).contains(&number(&rows[0], "makespan_ms")), "{}", rows[0]);
     assert_eq!((&rows[0]["limit"], rows[1]["limit"].is_string()), (&Value::Null, true));
     assert!((0.0..1.0).contains(&number(&rows[1], "others_share")), "{}", rows[1]);
-    let law = &run.result["amdahl"][0];
-    assert!(law["policy"] == "measured" && law["interval"].is_array(), "{law}");
+    let law = &run.result["laws"][0];
+    assert!(law["policy"] == "measured" && law["name"] == "Amdahl" && law["interval"].is_array(), "{law}");
     assert!(number(&rows[1], "bytes_per_frame") > 0.0 && number(&rows[1], "speedup_error") > 0.0, "{}", rows[1]);
 
     let (columns, lines) = run.csv("scale.csv");
@@ -179,4 +179,23 @@ fn every_measured_count_is_simulated() {
     }
     let off: Vec<String> = folder.text("simulate.csv").lines().map(|l| l.rsplit(',').next().unwrap().into()).collect();
     assert!(off[0] == "predicted_off" && off[1].is_empty() && off[2].parse::<f64>().is_ok(), "{off:?}");
+}
+
+/// Four devices render twice as many rows and columns.
+#[test]
+fn weak_scaling_lets_the_pixels_grow() {
+    let folder = Folder::new();
+    let result = scale(&folder, "--weak --counts 4 --report");
+    let rows = result["rows"].as_array().unwrap();
+    assert_eq!(rows.iter().map(|row| row["work"].as_f64().unwrap()).collect::<Vec<_>>(), [1.0, 4.0]);
+    let number = |row: &Value, key: &str| row[key].as_f64().unwrap();
+    let speedup = 4.0 * number(&rows[0], "period_ms") / number(&rows[1], "period_ms");
+    assert!((number(&rows[1], "speedup") - speedup).abs() < 1e-9, "{}", rows[1]);
+    let run = folder.json("run.json");
+    let heights = |frame: usize| -> u64 {
+        run["frames"][frame]["stripes"].as_array().unwrap().iter().map(|rows| rows.as_u64().unwrap()).sum()
+    };
+    assert_eq!((heights(0), heights(9)), (32, 64));
+    assert!(folder.text("report.html").contains("Counts have different sizes."));
+    folder.refuses(2, "scale builtin:checker --out ./out", "--weak --simulate 2 => --simulate");
 }

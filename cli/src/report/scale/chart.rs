@@ -1,4 +1,4 @@
-//! Chart and page sections of scaling, and Amdahl's law.
+//! Chart and page sections of scaling, and the laws of Amdahl and Gustafson.
 
 use std::fmt;
 
@@ -11,27 +11,34 @@ use crate::report::plot::{Axis, Chart, Series, line_chart_svg};
 use crate::report::study::interval_of_median;
 use crate::report::{ReportError, once};
 
-/// Amdahl's law, fitted by least squares to the periods of a policy: the part of the base's time that does not become
-/// shorter with more devices (Amdahl 1967, "Validity of the single processor approach").
+/// A law of scaling, fitted by least squares to the periods of a policy: the part of the time that does not become
+/// shorter with more devices.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Amdahl {
+pub struct Law {
     pub policy: String,
+    /// `Amdahl` for equal images (Amdahl 1967, "Validity of the single processor approach"). `Gustafson` for images
+    /// whose pixels grow with the devices (Gustafson 1988, "Reevaluating Amdahl's law").
+    pub name: &'static str,
     pub serial_share: f64,
     /// Ends of the 95 % interval of `serial_share`, over turns; `None` for fewer than six.
     pub interval: Option<[f64; 2]>,
 }
 
-impl Amdahl {
-    /// Fits the law to the rows of each policy, of which the first is the base. Devices that share cores do not count.
+impl Law {
+    /// Fits the law to the rows of each policy. The first row is the base. Devices that share cores do not count.
     pub fn of_rows(rows: &[ScaleRow]) -> Vec<Self> {
         let Some((base, rows)) = rows.split_first() else { return Vec::new() };
+        let name = if rows.iter().all(|row| row.work == base.work) { "Amdahl" } else { "Gustafson" };
         let own: Vec<&ScaleRow> = rows.iter().filter(|row| !row.oversubscribed && row.devices > base.devices).collect();
         let fit = |policy: &str| {
             let own: Vec<&ScaleRow> = own.iter().copied().filter(|row| row.policy == policy).collect();
             let of = |ratio: &dyn Fn(&ScaleRow) -> Option<f64>| {
                 let points = own.iter().filter_map(|row| {
-                    let part = base.devices as f64 / row.devices as f64;
-                    Some((1.0 - part, ratio(row)? - part))
+                    let (times, ratio) = (row.devices as f64 / base.devices as f64, ratio(row)?);
+                    Some(match name {
+                        "Amdahl" => (1.0 - 1.0 / times, ratio - 1.0 / times),
+                        _ => (times - 1.0, times - row.work / ratio),
+                    })
                 });
                 let (xy, xx) = points.fold((0.0, 0.0), |(xy, xx), (x, y)| (xy + x * y, xx + x * x));
                 (xx > 0.0).then(|| xy / xx)
@@ -40,33 +47,33 @@ impl Amdahl {
             let turns: Vec<f64> = (0..base.turns_ms.len()).filter_map(turn).collect();
             let serial_share = of(&|row| Some(row.period_ms / base.period_ms))?;
             let interval = interval_of_median(&turns).map(|[a, b]| [a.min(serial_share), b.max(serial_share)]);
-            Some(Self { policy: policy.to_owned(), serial_share, interval })
+            Some(Self { policy: policy.to_owned(), name, serial_share, interval })
         };
         once(own.iter().map(|row| row.policy.as_str())).into_iter().filter_map(fit).collect()
     }
 
     /// Returns the speedup that the law gives `times` as many devices as the base has.
     fn speedup(&self, times: f64) -> f64 {
-        1.0 / (self.serial_share + (1.0 - self.serial_share) / times)
+        let share = self.serial_share;
+        if self.name == "Amdahl" { 1.0 / (share + (1.0 - share) / times) } else { times - share * (times - 1.0) }
     }
 }
 
-impl fmt::Display for Amdahl {
+impl fmt::Display for Law {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let share = self.serial_share;
-        write!(f, "Amdahl's law, {}: {:.1} % of the time is serial", self.policy, share * 100.0)?;
-        if let Some([low, high]) = self.interval {
+        let Self { policy, name, serial_share: share, interval } = self;
+        write!(f, "{name}'s law, {policy}: {:.1} % of the time is serial", share * 100.0)?;
+        if let Some([low, high]) = interval {
             write!(f, " ({:.1} to {:.1})", low * 100.0, high * 100.0)?;
         }
-        if (1e-3..1.0).contains(&share) {
-            write!(f, ", at most {:.1} times as fast with any number of devices", 1.0 / share)
-        } else {
-            Ok(())
+        if *name == "Amdahl" && (1e-3..1.0).contains(share) {
+            write!(f, ", at most {:.1} times as fast with any number of devices", 1.0 / share)?;
         }
+        Ok(())
     }
 }
 
-/// Plots speedup over device counts with a band for its interval, beside the ideal and Amdahl's law.
+/// Plots speedup over device counts with a band for its interval, beside the ideal and the fitted law.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -95,8 +102,8 @@ pub fn scale_svg(title: String, rows: &[ScaleRow]) -> Result<String, ReportError
             ..Series::default()
         });
     }
-    for law in Amdahl::of_rows(rows) {
-        let name = format!("Amdahl's law, {:.0} % serial", law.serial_share * 100.0);
+    for law in Law::of_rows(rows) {
+        let name = format!("{}'s law, {:.0} % serial", law.name, law.serial_share * 100.0);
         series.push(guide(of_policy(name, &law.policy), &|times| law.speedup(times)));
     }
     let axis = |label: &str| Axis { label: label.to_owned(), log: true, doubles: true };
@@ -108,9 +115,9 @@ pub fn scale_sections(rows: &[ScaleRow], figure: String) -> [Section; 2] {
     let scaling = "Makespan: median latency of a frame, from its plan until both images are on the primary. A frame \
         every: median interval between the ends of consecutive frames. The period is the makespan or, with several \
         frames in flight, that interval. Spread: interquartile range of the periods over their median. Speed-up: the \
-        first row's period over this row's. Counts take turns, and intervals are those of the median over turns, in 95 \
-        of 100 cases; fewer than six turns have none. Imbalance: busy time of \
-        the busiest device over the mean. Transfers: host time spent in transfers; idle: time in which a queue ran no \
+        first row's period over this row's, times the pixels of this row over the first row's. Counts take turns, and \
+        95 % intervals are those of the median over turns; fewer than six turns have none. Imbalance: busy time of the \
+        busiest device over the mean. Transfers: host time spent in transfers; idle: time in which a queue ran no \
         stage; both as fractions of period times devices. Predicted off by: median error of the cost model's predicted \
         makespan, relative to the measured one.";
     let oversubscribed = "Oversubscribed: the devices together have more threads than there are cores, so they take \
@@ -123,7 +130,7 @@ pub fn scale_sections(rows: &[ScaleRow], figure: String) -> [Section; 2] {
         and after the last one; and in other waits.";
     let mut notes = vec![scaling.to_owned()];
     notes.extend(rows.iter().any(|r| r.oversubscribed).then(|| oversubscribed.to_owned()));
-    notes.extend(Amdahl::of_rows(rows).iter().map(Amdahl::to_string));
+    notes.extend(Law::of_rows(rows).iter().map(Law::to_string));
     [
         Section { heading: "Scaling", notes, table: Some(scale_table(rows)), figure: Some(figure) },
         Section {

@@ -53,13 +53,13 @@ impl Causes {
         shares_text(self.path.iter().map(|(what, share)| (what.as_str(), *share)))
     }
 
-    /// Returns the time of rows that the base did not compute, as a fraction of the time of all rows. Both have the
-    /// same number of frames.
-    fn redundant(&self, base: &Self) -> f64 {
+    /// Returns the time of rows that several devices compute, as a fraction of the time of all rows. The base computes
+    /// each row once. Both have the same number of frames. Images are `taller` than those of the base by this factor.
+    fn redundant(&self, base: &Self, taller: f64) -> f64 {
         let (mut redundant_ms, mut all_ms) = (0.0, 0.0);
         for (stage, (rows, ms)) in &self.stages {
             let rows_of_base = base.stages.get(stage).map_or(*rows, |(rows, _)| *rows);
-            redundant_ms += ms * (1.0 - rows_of_base / rows.max(1.0)).max(0.0);
+            redundant_ms += ms * (1.0 - taller * rows_of_base / rows.max(1.0)).max(0.0);
             all_ms += ms;
         }
         if all_ms > 0.0 { redundant_ms / all_ms } else { 0.0 }
@@ -90,8 +90,8 @@ impl Losses {
     pub fn of(row: &ScaleRow, base: &ScaleRow) -> Self {
         let busy = 1.0 - row.idle_share;
         let busy_ms = |r: &ScaleRow| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
-        let more = busy - busy * busy_ms(base) / busy_ms(row);
-        let lost_redundant = (busy * row.causes.redundant(&base.causes)).min(more.max(0.0));
+        let more = busy - busy * row.work * busy_ms(base) / busy_ms(row);
+        let lost_redundant = (busy * row.causes.redundant(&base.causes, row.work.sqrt())).min(more.max(0.0));
         let lost_imbalance = (row.imbalance - 1.0) * busy;
         let idle = row.idle_share - lost_imbalance;
         let lost_serial = (row.causes.serial_ms / row.period_ms).min(idle.max(0.0));

@@ -5,6 +5,7 @@ use super::*;
 fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> ScaleRow {
     let (makespan_ms_iqr, period_ms, period_spread) = (0.09 * makespan_ms, makespan_ms, 0.09);
     let row = ScaleRow { devices, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..ScaleRow::default() };
+    let row = ScaleRow { work: 1.0, ..row };
     ScaleRow { frames: 10, periods: 9, idle_share, imbalance, ..row }
 }
 
@@ -107,16 +108,34 @@ fn amdahl_fit_recovers_the_serial_part() {
         let ms = 100.0 * (share + (1.0 - share) / devices as f64);
         ScaleRow { policy: "mine".into(), turns_ms: vec![ms; 8], ..row(devices, ms, 0.0, 1.0) }
     };
-    let laws = Amdahl::of_rows(&[of(1, 0.2), of(2, 0.2), of(4, 0.2)]);
-    let [Amdahl { policy, serial_share, interval: Some([low, high]) }] = &laws[..] else { panic!("{laws:?}") };
+    let laws = Law::of_rows(&[of(1, 0.2), of(2, 0.2), of(4, 0.2)]);
+    let [Law { policy, name: "Amdahl", serial_share, interval: Some([low, high]) }] = &laws[..] else {
+        panic!("{laws:?}")
+    };
     assert!(policy == "mine" && (serial_share - 0.2).abs() < 1e-9, "{laws:?}");
     assert!((low..=high).contains(&serial_share) && high - low < 1e-9, "{laws:?}");
     assert!(laws[0].to_string().ends_with(
         "20.0 % of the time is serial (20.0 to 20.0), at most 5.0 times as fast with any number of devices"
     ));
     let oversubscribed = ScaleRow { oversubscribed: true, ..of(2, 0.2) };
-    assert_eq!(Amdahl::of_rows(&[of(1, 0.2), oversubscribed]), []);
-    assert_eq!(Amdahl::of_rows(&[]), []);
+    assert_eq!(Law::of_rows(&[of(1, 0.2), oversubscribed]), []);
+    assert_eq!(Law::of_rows(&[]), []);
+}
+
+/// Two devices render twice the pixels in 1.1 times the time.
+#[test]
+fn gustafson_fit_recovers_the_serial_part() {
+    let of = |devices: usize, ms: f64| ScaleRow {
+        work: devices as f64,
+        turns_ms: vec![ms; 8],
+        ..row(devices, ms, 0.0, 1.0)
+    };
+    let first = of(1, 100.0).over(None);
+    let second = of(2, 110.0).over(Some(&first));
+    assert!((second.speedup - 2.0 / 1.1).abs() < 1e-9 && second.speedup_low.unwrap() > 1.8, "{second:?}");
+    let laws = Law::of_rows(&[first, second]);
+    let [Law { name: "Gustafson", serial_share, interval: Some(_), .. }] = &laws[..] else { panic!("{laws:?}") };
+    assert!((serial_share - (2.0 - 2.0 / 1.1)).abs() < 1e-9 && !laws[0].to_string().contains("at most"), "{laws:?}");
 }
 
 #[test]
