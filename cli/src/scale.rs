@@ -130,7 +130,8 @@ fn conclude(args: &Args, options: &RenderOptions, found: &Results, files: &str) 
     } else if !options.quiet {
         say!("{}", scale_table(rows).text().trim_end());
         Law::of_rows(rows).iter().for_each(|law| say!("{law}"));
-        let network = learned.last().map(|learned| learned.costs.network.clone()).unwrap_or_default();
+        let costs = learned.last().and_then(|learned| learned.costs.last());
+        let network = costs.map(|costs| costs.network.clone()).unwrap_or_default();
         let Network { latency_ms, ms_per_byte, .. } = network;
         if latency_ms > 0.0 {
             let speed = match 8e-3 / ms_per_byte {

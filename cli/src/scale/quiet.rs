@@ -39,11 +39,6 @@ impl Quiet {
         Self { counts, others_share, warning }
     }
 
-    /// Returns true for each turn that counts.
-    pub fn counts(&self) -> impl Iterator<Item = bool> + '_ {
-        self.counts.iter().copied()
-    }
-
     /// Returns the items of the turns that count.
     pub fn of_turns<T: Clone>(&self, of_all: &[T]) -> Vec<T> {
         of_all.iter().zip(&self.counts).filter(|(_, counts)| **counts).map(|(item, _)| item.clone()).collect()

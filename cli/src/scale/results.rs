@@ -27,7 +27,8 @@ pub struct Learned {
     pub policy: String,
     pub oversubscribed: bool,
     pub spec: FrameSpec,
-    pub costs: CostModel,
+    /// Costs after each turn that counts.
+    pub costs: Vec<CostModel>,
 }
 
 /// Returns the number of threads of each device, if it is known and the same for all.
@@ -75,9 +76,8 @@ impl Results {
             FrameRow { index, ..row }
         }));
         self.policies.resize(self.frames.len(), policy.clone());
-        let last = frames.iter().zip(costs).zip(quiet.counts()).filter(|(_, counts)| *counts).last();
-        let ((frame, costs), _) = last.context("no frame was timed")?;
-        let spec = frame.spec.clone();
+        let costs = quiet.of_turns(&costs);
+        let spec = frames.last().map(|frame| frame.spec.clone()).context("no frame was timed")?;
         self.learned.push(Learned { devices: infos.len(), policy, oversubscribed, spec, costs });
         self.devices.push(infos);
         if args.report {
