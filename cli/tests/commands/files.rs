@@ -100,7 +100,7 @@ fn frames_csv_has_a_line_per_frame() {
     }
     let devices = |line: &[String]| line[columns.iter().position(|name| name == "devices").unwrap()].clone();
     let counts: Vec<String> = run("scale").csv("frames.csv").1.iter().map(|line| devices(line)).collect();
-    assert_eq!(counts, [["1"; 5], ["2"; 5]].concat());
+    assert_eq!(counts, [["1"; 12], ["2"; 12]].concat());
 }
 
 #[test]
