@@ -105,22 +105,22 @@ impl Data {
                 Some(Lane::Upload) => 2,
                 Some(_) => 0,
             };
-            let name = self.name(&Cow::Owned(step.what));
+            let name = self.name(Cow::Owned(step.what));
             [name as i64, i64::from(step.pid - FIRST_DEVICE_PID), kind, micros(step.time_ms)]
         };
         path(frame.tasks, frame.begin_ms, frame.makespan_ms).into_iter().flat_map(step).collect()
     }
 
     /// Returns the index of a name, which is added if it is new.
-    fn name(&mut self, name: &Cow<'static, str>) -> usize {
-        self.names.iter().position(|known| known == name).unwrap_or_else(|| {
-            self.names.push(name.clone());
+    fn name(&mut self, name: Cow<'static, str>) -> usize {
+        self.names.iter().position(|known| *known == name).unwrap_or_else(|| {
+            self.names.push(name);
             self.names.len() - 1
         })
     }
 
     fn shape(&mut self, task: &TaskTiming) -> Shape {
-        let name = self.name(&task.stage);
+        let name = self.name(task.stage.clone());
         let kind = match task.kind {
             TimedTask::Gpu(_) => 0,
             TimedTask::Download => 1,
