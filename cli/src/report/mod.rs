@@ -8,6 +8,7 @@ pub mod frames;
 pub mod headset;
 pub mod host;
 pub mod html;
+pub mod intervals;
 pub mod lanes;
 pub mod machine;
 pub mod peers;
