@@ -34,6 +34,18 @@ pub struct Series {
     pub band: Option<Vec<(f64, f64)>>,
     /// True for a guide such as ideal speedup, drawn grey and dashed without dots.
     pub guide: bool,
+    /// Measurements that the line does not join.
+    pub dots: Vec<Dot>,
+}
+
+/// A measurement, drawn as a small dot with its intervals.
+#[derive(Clone, Debug, Default)]
+pub struct Dot {
+    pub at: (f64, f64),
+    /// Intervals along the horizontal and the vertical axis.
+    pub within: [Option<[f64; 2]>; 2],
+    /// True for a dot that is not filled.
+    pub hollow: bool,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -86,6 +98,7 @@ struct Drawn<'s> {
     points: Vec<(f64, f64)>,
     /// Points of the band: x, low and high y.
     band: Vec<(f64, f64, f64)>,
+    dots: Vec<Dot>,
 }
 
 impl<'s> Drawn<'s> {
@@ -96,7 +109,25 @@ impl<'s> Drawn<'s> {
         let points = series.points.iter().filter_map(|p| Some((x(p.0)?, y(p.1)?))).collect();
         let around = series.points.iter().zip(series.band.iter().flatten());
         let band = around.filter_map(|(p, b)| Some((x(p.0)?, y(b.0)?, y(b.1)?))).collect();
-        Self { series, colour, points, band }
+        let dots = series.dots.iter().filter_map(|dot| {
+            // A logarithmic axis shows no interval that reaches 0.
+            let [across, up] = dot.within;
+            let within = [(across, chart.x.log), (up, chart.y.log)].map(|(ends, log)| {
+                let [low, high] = ends?.map(|end| ticks::coordinate(end, log));
+                Some([low?, high?])
+            });
+            Some(Dot { at: (x(dot.at.0)?, y(dot.at.1)?), within, hollow: dot.hollow })
+        });
+        Self { series, colour, points, band, dots: dots.collect() }
+    }
+
+    /// Returns the ends of the intervals of all dots.
+    fn bars(&self) -> Vec<[(f64, f64); 2]> {
+        let bars = |dot: &Dot| {
+            let ((x, y), [across, up]) = (dot.at, dot.within);
+            [across.map(|ends| ends.map(|x| (x, y))), up.map(|ends| ends.map(|y| (x, y)))]
+        };
+        self.dots.iter().flat_map(bars).flatten().collect()
     }
 
     fn outline(&self) -> Vec<(f64, f64)> {
@@ -132,7 +163,8 @@ impl ValueFormatter<f64> for Ticks {
 }
 
 fn fit_axes(chart: &Chart, lines: &[Drawn]) -> Option<[Ticks; 2]> {
-    let all: Vec<(f64, f64)> = lines.iter().flat_map(|l| [l.points.clone(), l.outline()]).flatten().collect();
+    let dots = |l: &Drawn| l.dots.iter().map(|dot| dot.at).chain(l.bars().into_flattened()).collect();
+    let all: Vec<(f64, f64)> = lines.iter().flat_map(|l| [l.points.clone(), l.outline(), dots(l)]).flatten().collect();
     let fit = |axis: &Axis, values: Vec<f64>| {
         let ticks = Ticks::fit(values.into_iter(), axis.log)?;
         Some(if axis.doubles { ticks.with_doubles() } else { ticks })
@@ -191,6 +223,13 @@ fn draw_line(canvas: &mut Canvas, line: &Drawn) -> Result<(), DrawingError> {
     let sample = move |(x, y)| PathElement::new([(x, y), (x + 22, y)], stroke);
     canvas.draw_series(LineSeries::new(points.clone(), stroke))?.label(name).legend(sample);
     canvas.draw_series(points.clone().map(|p| Circle::new(p, 4, line.colour.filled())))?;
+    let thin = line.colour.mix(0.5);
+    canvas.draw_series(line.bars().into_iter().map(|ends| PathElement::new(ends, thin.stroke_width(1))))?;
+    let dot = |dot: &Dot| {
+        let style = if dot.hollow { line.colour.stroke_width(1) } else { thin.filled() };
+        Circle::new(dot.at, 3, style)
+    };
+    canvas.draw_series(line.dots.iter().map(dot))?;
     // Labels end left of their points, since lines rise to the right.
     let style = ("sans-serif", 13).into_font().color(&INK).pos(Pos::new(HPos::Right, VPos::Bottom));
     let labels = points.zip(&line.series.labels).filter(|(_, text)| !text.is_empty());
@@ -224,7 +263,8 @@ fn legend_corner(axes: &[Ticks; 2], lines: &[Drawn]) -> SeriesLabelPosition {
         (0..=16).map(|i| at(f64::from(i) / 16.0)).collect()
     };
     let on_lines = lines.iter().flat_map(|l| l.points.windows(2).flat_map(along));
-    let dots: Vec<(f64, f64)> = on_lines.chain(lines.iter().flat_map(|l| l.points.clone())).collect();
+    let dots = lines.iter().flat_map(|l| l.points.iter().copied().chain(l.dots.iter().map(|dot| dot.at)));
+    let dots: Vec<(f64, f64)> = on_lines.chain(dots).collect();
     let crowd = |right: bool, upper: bool| {
         let distance = |is_far: bool, share: f64| if is_far { 1.0 - share } else { share };
         let inside = |p: &&(f64, f64)| {
@@ -259,7 +299,7 @@ mod tests {
             points: counts.map(|n| (n, n.powf(0.9))).to_vec(),
             band: Some(counts.map(|n| (n.powf(0.85), n.powf(0.93))).to_vec()),
             labels: vec![String::new(), "waits".into(), "too few rows".into()],
-            guide: false,
+            ..Series::default()
         };
         (chart, vec![ideal, measured])
     }
@@ -277,6 +317,20 @@ mod tests {
         assert_eq!(svg.matches("<circle").count(), 4);
         assert!(svg.contains("<polygon"));
         assert_eq!(svg, line_chart_svg(&chart, &series).unwrap());
+    }
+
+    #[test]
+    fn dots_have_bars_and_stretch_the_axes() {
+        let (chart, mut series) = speedup();
+        let dot = |hollow, within| Dot { at: (4.0, 3.0), within, hollow };
+        series[1].dots = vec![dot(false, [Some([3.9, 4.1]), None]), dot(true, [None, Some([2.0, 4.0])])];
+        let svg = line_chart_svg(&chart, &series).unwrap();
+        assert_eq!((svg.matches("<circle").count(), svg.matches("r=\"3\"").count()), (6, 2));
+        let lines = |svg: &str| svg.matches("<polyline").count();
+        series[1].dots.iter_mut().for_each(|dot| dot.within = [None; 2]);
+        assert_eq!(lines(&line_chart_svg(&chart, &series).unwrap()), lines(&svg) - 2);
+        series[1].dots[0].within = [None, Some([2.0, 40.0])];
+        assert!(!svg.contains("\n40\n") && line_chart_svg(&chart, &series).unwrap().contains("\n40\n"));
     }
 
     #[test]
