@@ -13,7 +13,7 @@ use anyhow::{Context, ensure};
 use crate::report::Table;
 use crate::report::bench::{
     ERROR, ERROR_NOTE, KIND_NOTE, SettingRow, Shared, csv, exposure_note, frames, kind_table, ladder_svg, mark_front,
-    regret_table, regrets, slopes, svg, table,
+    no_worse, regret_table, regrets, rungs, slopes, svg, table, undecided_note,
 };
 use crate::report::peers::Peers;
 use crate::report::run::{FrameRow, RunReport};
@@ -112,6 +112,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         say!("{result}");
     } else if !options.quiet {
         say!("{}", table(&rows, reference.noise.as_ref()).text().trim_end());
+        undecided_note(&rows).iter().for_each(|note| say!("{note}"));
         slopes.iter().for_each(|slope| say!("{slope}"));
         if let Some(kinds) = &reference.kinds {
             say!("by kind of pixel:\n{}\n{KIND_NOTE}", kind_table(&rows, kinds).text().trim_end());
@@ -121,7 +122,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             say!("{}", regret_table(&regrets).text().trim_end());
         }
         say!("{ERROR_NOTE}");
-        say!("{}", ladders_note(&ladders));
+        say!("{}", ladders_note(&ladders, &rows));
         let page = and_page(args.report);
         say!("{page}bench.csv, bench.svg, ladder.toml, ladder.svg, frames.csv and run.json: {}", options.out.display());
     }
@@ -181,7 +182,7 @@ fn write_results(
     ];
     csv(&shared, rows).write(&options.out.join("bench.csv"))?;
     let title = format!("Time against error, {} at {}", options.shot, options.settings.size);
-    let figure = svg(title, rows, reference.noise.as_ref()).context("cannot draw the plot")?;
+    let figure = svg(title, rows, &args.metric, reference.noise.as_ref()).context("cannot draw the plot")?;
     output::write_text(&options.out, "bench.svg", &figure)?;
     let best = &ladders[0];
     best.write(&options.out.join("ladder.toml")).context("cannot write the ladder")?;
@@ -195,7 +196,7 @@ fn write_results(
     Ok((figure, shared))
 }
 
-/// Returns the Pareto front of each denoiser as a ladder, best denoiser first.
+/// Returns the front of each denoiser that the intervals show as a ladder, best denoiser first.
 fn ladders(
     options: &RunOptions,
     exposure_ev: f64,
@@ -214,12 +215,11 @@ fn ladders(
         devices: devices.iter().map(name).collect(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
-    let rungs: Vec<_> = rows.iter().map(SettingRow::rung).collect();
-    Ok(Ladder::by_denoiser(&origin, &rungs).context("cannot build a ladder from the measured settings")?)
+    Ok(Ladder::by_denoiser(&origin, &rungs(rows)).context("cannot build a ladder from the measured settings")?)
 }
 
 /// Returns a line of output with the denoiser of ladder.toml and the files of the other denoisers' ladders.
-fn ladders_note(ladders: &[Ladder]) -> String {
+fn ladders_note(ladders: &[Ladder], rows: &[SettingRow]) -> String {
     let of = |ladder: &Ladder| {
         let (denoiser, rungs) = (ladder.rungs()[0].quality.denoiser(), ladder.rungs().len());
         (Denoiser::name_of(denoiser), format!("{rungs} rung{}", if rungs == 1 { "" } else { "s" }))
@@ -235,5 +235,9 @@ fn ladders_note(ladders: &[Ladder]) -> String {
             format!("ladder.{denoiser}.toml: {rungs}")
         })
         .collect();
-    format!("ladder.toml: {best}, {rungs}, the denoiser with the best front; also {}", others.join(", "))
+    let place = match &no_worse(rows, ladders[0].rungs()[0].quality.denoiser())[..] {
+        [] => "the denoiser with the best front".to_owned(),
+        others => format!("whose front the 95 % intervals do not show to be better than that of {}", others.join(", ")),
+    };
+    format!("ladder.toml: {best}, {rungs}, {place}; also {}", others.join(", "))
 }

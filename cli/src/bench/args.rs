@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::options::{self, RunOptions};
 use crate::reference::PASS_SPP;
+use crate::report::bench::METRICS;
 use crate::setting_flags::{named, render_scale};
 use diptych::frame::settings::FoveationMode;
 use diptych::quality::{Denoiser, DenoiserChoice};
@@ -11,10 +12,16 @@ use diptych::samples::Samples;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
-    /// Timed and compared frames per setting; the grid compares at least 2
+    /// Compared frames per setting, at least 2
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
     pub(super) repeats: u32,
-    /// Untimed frames before the timed ones
+    /// Turns in which all settings are timed, a frame each
+    ///
+    /// In a turn, each setting renders a frame before any is timed again, so that other load on the machine affects
+    /// all settings alike. The front has only settings that differ by more than the 95 % intervals over turns.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(2..=1000), help_heading = options::SCENE)]
+    pub(super) turns: u32,
+    /// Untimed frames before the timed or compared ones
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     pub(super) warm_up: u32,
     #[command(flatten)]
@@ -71,6 +78,9 @@ pub struct Args {
     /// Folder of references for later runs [default: reference in --out]
     #[arg(long = "reference-cache", alias = "reference-dir", value_name = "DIR", help_heading = options::OUTPUT)]
     pub(super) reference_dir: Option<PathBuf>,
+    /// Error that bench.svg plots over time [default: relmse]
+    #[arg(long, default_value = "relmse", hide_default_value = true, value_parser = METRICS, help_heading = options::OUTPUT)]
+    pub(super) metric: String,
     /// Also write report.html
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) report: bool,

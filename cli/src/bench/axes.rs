@@ -83,6 +83,12 @@ impl Args {
         self.warm_up_of(quality) + self.judged_frames()
     }
 
+    /// Returns the number of a turn's frames before the timed one. They give the history to denoisers that keep one, and
+    /// distribute the rows over the devices. The times need no longer history.
+    pub fn warm_up_of_turn(&self, quality: &Quality) -> u32 {
+        self.warm_up_of(quality).min(self.warm_up.max(2))
+    }
+
     /// Returns the instant of frame `i` in seconds. During the warm-up the camera moves along its path, so that the
     /// history comes from other views than the compared frames. Then it stands still.
     pub fn time_s(&self, quality: &Quality, i: u32) -> f64 {
@@ -148,6 +154,11 @@ impl Args {
         let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
         Ok(ladder.rungs().iter().map(|rung| rung.quality).collect())
     }
+}
+
+/// Returns the order in which `count` subjects are measured in a turn. Each turn begins with another.
+pub fn order(count: usize, turn: usize) -> impl Iterator<Item = usize> {
+    (0..count).map(move |i| (turn + i) % count)
 }
 
 /// Returns the requested values without duplicates, or the default if none are requested.

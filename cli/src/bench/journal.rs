@@ -1,4 +1,5 @@
-//! Journal of the settings that `bench` has measured, one per line. An interrupted run resumes from it.
+//! Journal of what `bench` has measured: a line for each setting that it compared with the reference, and for each
+//! turn in which it timed all settings. An interrupted run resumes from it.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
-use crate::report::bench::Measured;
+use crate::report::bench::{Measured, Timed};
 use diptych::quality::Quality;
 
 use crate::failure::Failure;
@@ -15,7 +16,7 @@ use crate::failure::Failure;
 /// Name of the journal file in the folder of --out.
 pub const FILE: &str = "bench.journal.jsonl";
 
-/// A line of the file.
+/// The line of a setting.
 #[derive(Serialize, Deserialize)]
 struct Entry {
     /// Hash of everything that the measurement depends on, except the reference and the quality.
@@ -27,12 +28,21 @@ struct Entry {
     measured: Measured,
 }
 
+/// The line of a turn.
+#[derive(Serialize, Deserialize)]
+struct Turn {
+    subject: String,
+    /// The frame of each setting.
+    turn: Vec<(Quality, Timed)>,
+}
+
 pub struct Journal {
     path: PathBuf,
     file: File,
     subject: String,
     /// Entries of the file whose hash is `subject`.
     entries: Vec<Entry>,
+    turns: Vec<Turn>,
 }
 
 impl Journal {
@@ -44,7 +54,9 @@ impl Journal {
             .with_context(|| format!("cannot open the journal {}: check that you may write it", path.display()))?;
         let entries = text.lines().filter_map(|line| serde_json::from_str(line).ok());
         let entries = entries.filter(|e: &Entry| e.subject == subject).collect();
-        Ok(Self { path, file, subject, entries })
+        let turns = text.lines().filter_map(|line| serde_json::from_str(line).ok());
+        let turns = turns.filter(|t: &Turn| t.subject == subject).collect();
+        Ok(Self { path, file, subject, entries, turns })
     }
 
     /// True if the journal has measurements against the reference with this key.
@@ -62,11 +74,30 @@ impl Journal {
     pub fn add(&mut self, reference: &str, quality: &Quality, measured: &Measured) -> Result<(), Failure> {
         let (subject, reference) = (self.subject.clone(), reference.to_owned());
         let entry = Entry { subject, reference, quality: *quality, measured: measured.clone() };
-        let line = serde_json::to_string(&entry).context("cannot write a setting as JSON")? + "\n";
-        let written = self.file.write_all(line.as_bytes());
-        written.with_context(|| format!("cannot write to {}", self.path.display()))?;
+        self.write(&entry)?;
         self.entries.push(entry);
         Ok(())
+    }
+
+    /// Returns the frames of a setting in all turns that timed each of these settings.
+    pub fn turns<'a>(&'a self, settings: &'a [Quality], of: &'a Quality) -> impl Iterator<Item = &'a Timed> {
+        let find = |turn: &'a Turn, quality: &Quality| Some(&turn.turn.iter().find(|(q, _)| q == quality)?.1);
+        let whole = self.turns.iter().filter(move |turn| settings.iter().all(|s| find(turn, s).is_some()));
+        whole.filter_map(move |turn| find(turn, of))
+    }
+
+    /// Appends a turn to the file immediately.
+    pub fn add_turn(&mut self, turn: Vec<(Quality, Timed)>) -> Result<(), Failure> {
+        let turn = Turn { subject: self.subject.clone(), turn };
+        self.write(&turn)?;
+        self.turns.push(turn);
+        Ok(())
+    }
+
+    fn write(&mut self, line: &impl Serialize) -> Result<(), Failure> {
+        let line = serde_json::to_string(line).context("cannot write a measurement as JSON")? + "\n";
+        let written = self.file.write_all(line.as_bytes());
+        Ok(written.with_context(|| format!("cannot write to {}", self.path.display()))?)
     }
 }
 

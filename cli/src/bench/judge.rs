@@ -1,7 +1,7 @@
 //! Measures how well a setting renders consecutive frames of a static camera: their errors against a reference, and
 //! flicker.
 
-use crate::report::bench::{KindColumns, Measured, Repeat, SeenErrors};
+use crate::report::bench::{KindColumns, Measured, Repeat, SeenErrors, Timed};
 use crate::report::frames::FrameLine;
 use crate::report::run::FrameRow;
 use diptych::exec::{FrameReport, Stereo};
@@ -10,7 +10,6 @@ use diptych::loaded::LoadedScene;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::rivalry::Differences;
-use diptych::metrics::temporal::Change;
 use diptych::scene::shot::Shot;
 
 use super::reference::Reference;
@@ -28,8 +27,6 @@ pub struct Judge<'a> {
     reference: &'a Reference,
     viewing: Viewing,
     repeats: Vec<Repeat>,
-    /// Accumulated change between consecutive frames, by eye.
-    changes: [Change; 2],
     before: Option<[Pair; 2]>,
 }
 
@@ -38,7 +35,7 @@ impl<'a> Judge<'a> {
     pub fn new(loaded: &'a LoadedScene, reference: &'a Reference, time_s: f64) -> Self {
         let Shot { gaze, rig, .. } = &loaded.shot;
         let viewing = Viewing { gaze: gaze.at(time_s), yfov_deg: rig.yfov_rad.to_degrees() };
-        Self { loaded, reference, viewing, repeats: Vec::new(), changes: Default::default(), before: None }
+        Self { loaded, reference, viewing, repeats: Vec::new(), before: None }
     }
 
     /// Adds the next frame: its report, its row for frames.csv and its linear image.
@@ -53,10 +50,12 @@ impl<'a> Judge<'a> {
             eyes.iter_mut().for_each(|eye| eye.rivalry = rivalry);
         }
         let [left, right] = eyes;
-        self.repeats.push(Repeat::new(frame, Stereo { left, right }, FrameLine::from(row)));
-        for (e, before) in self.before.iter().flatten().enumerate() {
-            self.changes[e] = self.changes[e] + pairs[e].change_at_rest(before)?;
-        }
+        let change = |[left, right]: &[Pair; 2]| -> Result<_, Failure> {
+            Ok(Stereo { left: pairs[0].change_at_rest(left)?, right: pairs[1].change_at_rest(right)? })
+        };
+        let change = self.before.as_ref().map(change).transpose()?;
+        let timed = Timed::new(frame, FrameLine::from(row));
+        self.repeats.push(Repeat { timed, errors: Stereo { left, right }, change });
         self.before = Some(pairs);
         Ok(())
     }
@@ -67,7 +66,6 @@ impl<'a> Judge<'a> {
     }
 
     pub fn conclude(self) -> Measured {
-        let [left, right] = self.changes;
-        Measured::of(&self.repeats, Stereo { left, right })
+        Measured::of(&self.repeats)
     }
 }

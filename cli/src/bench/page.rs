@@ -6,7 +6,7 @@ use anyhow::Context;
 use crate::report::Table;
 use crate::report::bench::{
     ERROR_NOTE, KIND_NOTE, Regret, SettingRow, Shared, Slope, exposure_note, kind_table, ladder_svg, ladder_table,
-    regret_table, table,
+    regret_table, table, undecided_note,
 };
 use crate::report::html::Section;
 use crate::report::lanes::LaneFrame;
@@ -49,18 +49,22 @@ pub struct Page<'a> {
 }
 
 impl Page<'_> {
-    /// Writes the page. `figure` is the plot of time against relMSE, `shared` lists the settings that all rows share.
+    /// Writes the page. `figure` is the plot of time against the error, `shared` lists the settings that all rows share.
     pub fn write(&self, grid: &Grid, figure: String, shared: Shared) -> Result<(), Failure> {
         let Self { args, rows, reference, .. } = self;
         let options = &args.options;
         let title = format!("Time against error, {} at {}", options.shot, options.settings.size);
         let seen = self.seen(grid)?;
         let noise = reference.noise.as_ref();
-        let errors = "Means over frames, by eye. Front: no other setting is both faster and better.".to_owned();
+        let errors =
+            "Means over frames, by eye, and the 95 % interval of the time over turns. Front: the intervals show \
+                      no other setting to be faster and better."
+                .to_owned();
         let front = Section {
             heading: "Time against error",
             notes: [errors, ERROR_NOTE.to_owned(), exposure_note(self.loaded.exposure_ev())]
                 .into_iter()
+                .chain(undecided_note(rows))
                 .chain(self.slopes.iter().map(ToString::to_string))
                 .collect(),
             table: Some(table(rows, noise)),

@@ -2,6 +2,7 @@
 //! ladder.
 
 mod errors;
+mod front;
 mod kinds;
 mod rows;
 mod tables;
@@ -10,11 +11,12 @@ mod ladder;
 mod regret;
 mod slopes;
 
-pub use charts::svg;
+pub use charts::{METRICS, svg};
 pub use errors::{ERROR, Errors, KindColumns, SeenErrors};
+pub use front::mark_front;
 pub use kinds::{KIND_NOTE, kind_table};
-pub use ladder::{ladder_svg, ladder_table};
+pub use ladder::{ladder_svg, ladder_table, no_worse, rungs};
 pub use regret::{Regret, regret_table, regrets};
-pub use rows::{Measured, Repeat, SettingRow, mark_front};
+pub use rows::{Measured, Repeat, SettingRow, Timed};
 pub use slopes::{Slope, log_slope, slopes};
-pub use tables::{ERROR_NOTE, Shared, csv, exposure_note, frames, table};
+pub use tables::{ERROR_NOTE, Shared, csv, exposure_note, frames, table, undecided_note};

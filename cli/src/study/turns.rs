@@ -11,7 +11,7 @@ use diptych::quality::Quality;
 use diptych::scene::rig::Eye;
 use diptych::trace::frames::record_devices;
 
-use crate::bench::axes::FRAMES_MAX;
+use crate::bench::axes::{FRAMES_MAX, order};
 use crate::failure::Failure;
 use crate::faults::refuse_faults;
 use crate::interrupt;
@@ -60,7 +60,7 @@ impl<'a> Turns<'a> {
     pub fn render(&mut self, time_s: f64, index: u32) -> Result<Vec<FrameReport>, Failure> {
         let count = self.renderers.len();
         let mut frames = Vec::new();
-        for which in (0..count).map(|i| (index as usize + i) % count) {
+        for which in order(count, index as usize) {
             frames.push((which, self.frame_at(which, time_s, index)?));
         }
         frames.sort_by_key(|(which, _)| *which);

@@ -128,8 +128,13 @@ fn killed_bench_resumes_with_the_same_files() {
 
     let events = bench(&folder, options);
     let rows = event(&events, "result")["rows"].as_array().unwrap();
-    assert_eq!((rows.len(), count(&events, "setting")), (16, 16 - kept));
-    assert_eq!(rows[0]["time_ms"], first["time_ms"]);
+    assert_eq!((rows.len(), count(&events, "setting"), count(&events, "turn")), (16, 16 - kept, 5));
+    let [left, right] = ["left", "right"].map(|eye| rows[0]["errors"][eye]["flip_flicker"].as_f64().unwrap());
+    assert_eq!(first["error"], (left + right) / 2.0);
+    // Each turn times all settings, and its frames are in frames.csv.
+    assert!(rows.iter().all(|r| r["frames"].as_array().unwrap().len() == 5));
+    let frames = folder.text("bench/frames.csv");
+    assert_eq!(frames.lines().count(), 1 + 16 * 5, "{frames}");
     let settings = |r: &Value| ["denoiser", "iterations", "bounces", "scale", "spp"].map(|name| r[name].to_string());
     let mut different: Vec<_> = rows.iter().map(settings).collect();
     different.sort();
@@ -140,6 +145,16 @@ fn killed_bench_resumes_with_the_same_files() {
     let events = bench(&folder, options);
     assert_eq!((count(&events, "setting"), count(&events, "frame")), (0, 0));
     assert_eq!(results(&folder), done);
+    // A run that ends within a turn begins this turn again.
+    let lines = folder.text("bench/bench.journal.jsonl");
+    let before = lines.trim_end().rsplit_once('\n').unwrap().0.to_owned() + "\n";
+    assert!(lines[before.len()..].contains("\"turn\""), "{lines}");
+    folder.write("bench/bench.journal.jsonl", before);
+    let events = bench(&folder, options);
+    assert_eq!((count(&events, "setting"), count(&events, "turn")), (0, 1));
+    // Fewer settings keep their turns, and further turns add to them.
+    let events = bench(&folder, &format!("{options} --denoiser none --spp 1 --turns 6"));
+    assert_eq!((count(&events, "setting"), count(&events, "turn")), (0, 1));
     folder.write("peers.toml", "[[peer]]\nname = 'a'\ntime_ms = 1.0\nflip = 0.1");
     let events = bench(&folder, &format!("{options} --report --set peers=./peers.toml --set time_limit=500"));
     assert_eq!(count(&events, "setting"), 0);

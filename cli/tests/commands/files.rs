@@ -74,7 +74,8 @@ fn frames_csv_has_a_line_per_frame() {
         ("reference", 2, 0),
         ("play", 8, 0),
         ("scale", 24, 0),
-        ("bench", 5 * 2, 2),
+        // Turns of each setting.
+        ("bench", 5 * 5, 2),
         ("seams", 4 * 2, 1),
         ("leria", 2 * 2 * 3 * 3, 5),
         ("koskela", 2 * 5 * 2, 5),

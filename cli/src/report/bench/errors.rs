@@ -3,10 +3,13 @@
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
+use super::rows::Repeat;
 use diptych::metrics;
 use diptych::metrics::kinds::KindError;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::rivalry::Rivalry;
+use diptych::metrics::temporal::{Change, TemporalError};
+use diptych::scene::rig::Eye;
 
 /// Metrics that tables show, in this order. Files contain these first, then all other metrics.
 pub(super) const SHOWN: [&str; 11] = [
@@ -47,6 +50,20 @@ impl Errors {
             values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
         };
         Self(names.map(|name| (name.clone(), mean(name).into())).collect())
+    }
+
+    /// Returns the errors of an eye over compared frames, and those of each frame.
+    pub(super) fn of(repeats: &[Repeat], eye: Eye) -> (Self, Vec<Self>) {
+        let found: Vec<SeenErrors> = repeats.iter().map(|r| *r.errors.of(eye)).collect();
+        let changes: Vec<Option<Change>> =
+            repeats.iter().map(|r| r.change.as_ref().map(|change| *change.of(eye))).collect();
+        let flicker =
+            |changes: &[Option<Change>]| TemporalError::from(changes.iter().flatten().copied().sum::<Change>()).flicker;
+        let of_frame = |(i, found): (usize, &SeenErrors)| {
+            Self::mean_of(&[found]).with_flicker(flicker(&changes[i..changes.len().min(i + 2)]))
+        };
+        let each = found.iter().enumerate().map(of_frame).collect();
+        (Self::mean_of(&found).with_flicker(flicker(&changes)), each)
     }
 
     pub fn get(&self, name: &str) -> Option<f64> {

@@ -1,4 +1,4 @@
-//! Results of the grid's settings, and their Pareto front.
+//! Results of the grid's settings.
 
 use std::collections::BTreeMap;
 
@@ -6,28 +6,38 @@ use serde::{Deserialize, Serialize};
 
 use super::errors::{ERROR, Errors, FLICKER, SeenErrors};
 use crate::report::frames::FrameLine;
+use crate::report::intervals::interval;
 use crate::report::median_of;
-use diptych::control::{Rung, front};
+use diptych::control::Rung;
 use diptych::exec::{FrameReport, Stereo};
-use diptych::metrics::temporal::{Change, TemporalError};
+use diptych::metrics::temporal::Change;
 use diptych::quality::Quality;
+use diptych::scene::rig::Eye;
 
-/// One measured frame of a setting.
-#[derive(Clone, Debug)]
-pub struct Repeat {
+/// A timed frame of a setting.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Timed {
     /// Busy time by stage, summed over views and devices.
     pub stage_ms: BTreeMap<String, f64>,
     /// Rays per pixel by stage, for stages that trace paths.
     pub rays: BTreeMap<String, f64>,
-    pub errors: Stereo<SeenErrors>,
     /// The line of this frame in `frames.csv`.
     pub line: FrameLine,
 }
 
-impl Repeat {
-    pub fn new(frame: &FrameReport, errors: Stereo<SeenErrors>, line: FrameLine) -> Self {
-        Self { stage_ms: frame.stage_ms(), rays: frame.stage_rays(), errors, line }
+impl Timed {
+    pub fn new(frame: &FrameReport, line: FrameLine) -> Self {
+        Self { stage_ms: frame.stage_ms(), rays: frame.stage_rays(), line }
     }
+}
+
+/// A frame of a setting that is compared with the reference.
+#[derive(Clone, Debug)]
+pub struct Repeat {
+    pub timed: Timed,
+    pub errors: Stereo<SeenErrors>,
+    /// Change of each eye's image since the previous frame; `None` for the first.
+    pub change: Option<Stereo<Change>>,
 }
 
 /// Results of a setting.
@@ -43,33 +53,61 @@ pub struct Measured {
     #[serde(default)]
     pub rays: BTreeMap<String, f64>,
     pub errors: Stereo<Errors>,
-    /// relMSE of each repeat.
-    pub relmse_repeats: Stereo<Vec<f64>>,
-    /// Line of each repeat in `frames.csv`.
+    /// Errors of each compared frame. Its flicker is the mean over its changes from the frame before and to the next.
+    pub repeats: Vec<Stereo<Errors>>,
+    /// Line of each timed frame in `frames.csv`.
     pub frames: Vec<FrameLine>,
 }
 
 impl Measured {
-    /// Combines the frames of a setting. `changes` holds, for each eye, the change between consecutive frames while the
-    /// camera is at rest.
-    pub fn of(repeats: &[Repeat], changes: Stereo<Change>) -> Self {
-        let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
-        let eye = |of: fn(&Repeat) -> &SeenErrors| repeats.iter().map(|r| *of(r)).collect::<Vec<_>>();
-        let found = Stereo { left: eye(|r| &r.errors.left), right: eye(|r| &r.errors.right) };
-        let relmse = |c: &[SeenErrors]| c.iter().map(|c| c.all.relmse).collect();
+    /// Combines the frames of a setting. The camera is at rest while they change.
+    pub fn of(repeats: &[Repeat]) -> Self {
+        let timed: Vec<Timed> = repeats.iter().map(|r| r.timed.clone()).collect();
+        let errors = |eye: Eye| Errors::of(repeats, eye);
+        let [left, right] = [errors(Eye::Left), errors(Eye::Right)];
+        let both = left.1.into_iter().zip(right.1);
+        let unknown = Self {
+            time_ms: 0.0,
+            time_ms_min: 0.0,
+            time_ms_max: 0.0,
+            stage_ms: BTreeMap::new(),
+            rays: BTreeMap::new(),
+            errors: Stereo { left: left.0, right: right.0 },
+            repeats: both.map(|(left, right)| Stereo { left, right }).collect(),
+            frames: Vec::new(),
+        };
+        unknown.timed(&timed)
+    }
+
+    /// Replaces the times by those of other frames, one for each turn.
+    #[must_use]
+    pub fn timed(self, frames: &[Timed]) -> Self {
+        let times_ms: Vec<f64> = frames.iter().map(|f| f.line.makespan_ms).collect();
         Self {
             time_ms_min: times_ms.iter().copied().fold(f64::INFINITY, f64::min),
             time_ms_max: times_ms.iter().copied().fold(0.0, f64::max),
             time_ms: median_of(times_ms),
-            stage_ms: medians(repeats, |r| &r.stage_ms),
-            rays: medians(repeats, |r| &r.rays),
-            errors: Stereo {
-                left: Errors::mean_of(&found.left).with_flicker(TemporalError::from(changes.left).flicker),
-                right: Errors::mean_of(&found.right).with_flicker(TemporalError::from(changes.right).flicker),
-            },
-            relmse_repeats: Stereo { left: relmse(&found.left), right: relmse(&found.right) },
-            frames: repeats.iter().map(|r| r.line.clone()).collect(),
+            stage_ms: medians(frames, |f| &f.stage_ms),
+            rays: medians(frames, |f| &f.rays),
+            frames: frames.iter().map(|f| f.line.clone()).collect(),
+            ..self
         }
+    }
+
+    /// Returns the makespan of each timed frame.
+    pub fn times_ms(&self) -> Vec<f64> {
+        self.frames.iter().map(|line| line.makespan_ms).collect()
+    }
+
+    /// Returns the mean over both eyes of the error `name`, for each compared frame.
+    pub fn errors_of(&self, name: &str) -> Vec<f64> {
+        let eye = |errors: &Errors| errors.get(name).unwrap_or(f64::NAN);
+        self.repeats.iter().map(|both| (eye(&both.left) + eye(&both.right)) / 2.0).collect()
+    }
+
+    /// Returns the ends of the 95 % interval of the time.
+    pub fn time_interval(&self) -> Option<[f64; 2]> {
+        interval(&self.times_ms())
     }
 
     /// Returns the mean over both eyes of the error `name`; infinite if it is undefined in one eye.
@@ -79,10 +117,10 @@ impl Measured {
     }
 }
 
-/// Returns the median of each stage's value over the repeats that ran the stage.
-fn medians(repeats: &[Repeat], of: fn(&Repeat) -> &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
-    let median = |stage: &String| median_of(repeats.iter().filter_map(|r| of(r).get(stage).copied()).collect());
-    repeats.iter().flat_map(|r| of(r).keys()).map(|stage| (stage.clone(), median(stage))).collect()
+/// Returns the median of each stage's value over the frames that ran the stage.
+fn medians(frames: &[Timed], of: fn(&Timed) -> &BTreeMap<String, f64>) -> BTreeMap<String, f64> {
+    let median = |stage: &String| median_of(frames.iter().filter_map(|f| of(f).get(stage).copied()).collect());
+    frames.iter().flat_map(|f| of(f).keys()).map(|stage| (stage.clone(), median(stage))).collect()
 }
 
 /// A setting with its results.
@@ -92,13 +130,15 @@ pub struct SettingRow {
     pub quality: Quality,
     #[serde(flatten)]
     pub measured: Measured,
-    /// True if no other setting is both faster and has a lower [`ERROR`] (mean of both eyes).
+    /// True on the front of time and [`ERROR`] that the intervals show ([`front::shown`](super::front::shown)).
     pub on_front: bool,
+    /// True if the intervals leave open whether the setting belongs on the front.
+    pub undecided: bool,
 }
 
 impl SettingRow {
     pub fn new(quality: Quality, measured: Measured) -> Self {
-        Self { quality, measured, on_front: false }
+        Self { quality, measured, on_front: false, undecided: false }
     }
 
     pub fn rung(&self) -> Rung {
@@ -110,17 +150,6 @@ impl SettingRow {
     }
 }
 
-pub(super) fn points(rows: &[&SettingRow], error: &str) -> Vec<(f64, f64)> {
-    rows.iter().map(|r| (r.measured.time_ms, r.measured.error(error))).collect()
-}
-
-/// Sets [`SettingRow::on_front`] of the rows on the Pareto front of time and [`ERROR`].
-pub fn mark_front(rows: &mut [SettingRow]) {
-    for i in front(&points(&rows.iter().collect::<Vec<_>>(), ERROR)) {
-        rows[i].on_front = true;
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
@@ -129,7 +158,7 @@ pub(super) mod tests {
     use diptych::metrics::rings::Viewing;
     use diptych::quality::{Denoiser, Filter, FrameQuality};
 
-    /// Makes a row whose repeats have these values of RMSE in the left eye and twice these in the right eye.
+    /// Makes a row of frames with these values of RMSE in the left eye and twice these in the right eye.
     pub fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> SettingRow {
         let filter = Denoiser::from_name(denoiser).unwrap().map(|denoiser| Filter::new(denoiser, 1));
         let quality = Quality { spp: spp.into(), filter, ..Quality::default() };
@@ -139,27 +168,29 @@ pub(super) mod tests {
             let pair = Pair::new(&black, &RgbImage::filled(black.extent, [v as f32; 3]), 0.0).unwrap();
             SeenErrors::new(&pair, &viewing)
         };
+        let pair = || Pair::new(&black, &black, 0.0).unwrap();
+        let change = pair().change_at_rest(&pair()).unwrap();
         let repeat = |v: &f64| Repeat {
-            stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
-            rays: BTreeMap::new(),
+            timed: timed(&quality, time_ms),
             errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
-            line: FrameLine { makespan_ms: time_ms, quality: FrameQuality::from(&quality), ..FrameLine::default() },
+            change: Some(Stereo { left: change, right: change }),
         };
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
-        let black = || Pair::new(&black, &black, 0.0).unwrap();
-        let change = black().change_at_rest(&black()).unwrap();
-        SettingRow::new(quality, Measured::of(&repeats, Stereo { left: change, right: change }))
+        SettingRow::new(quality, Measured::of(&repeats))
     }
 
-    #[test]
-    fn front_keeps_only_undominated_rows() {
-        let mut rows = vec![
-            row("none", 1, 1.0, &[0.4]),
-            row("none", 2, 2.0, &[0.3]),
-            row("svgf", 1, 1.5, &[0.2]),
-            row("svgf", 2, 3.0, &[0.1]),
-        ];
-        mark_front(&mut rows);
-        assert_eq!(rows.iter().map(|r| r.on_front).collect::<Vec<_>>(), [true, false, true, true]);
+    fn timed(quality: &Quality, time_ms: f64) -> Timed {
+        Timed {
+            stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
+            rays: BTreeMap::new(),
+            line: FrameLine { makespan_ms: time_ms, quality: FrameQuality::from(quality), ..FrameLine::default() },
+        }
+    }
+
+    /// Makes a row that takes these times in turns, with an RMSE that scatters by 0.1 % between frames.
+    pub fn row_in_turns(denoiser: &str, spp: u32, times_ms: &[f64], rmse: f64) -> SettingRow {
+        let SettingRow { quality, measured, .. } = row(denoiser, spp, 1.0, &[1.0, 1.001, 0.999].map(|f| f * rmse));
+        let frames: Vec<Timed> = times_ms.iter().map(|ms| timed(&quality, *ms)).collect();
+        SettingRow::new(quality, measured.timed(&frames))
     }
 }

@@ -11,6 +11,7 @@ use crate::report::study::{deviation, mean};
 use diptych::accumulation::Noise;
 use diptych::exec::Stereo;
 use diptych::quality::{Denoiser, Quality};
+use diptych::scene::rig::Eye;
 
 /// Exponent of the error, √relMSE, as a function of samples per pixel. It is −0.5 for independent samples.
 #[derive(Clone, Debug, Serialize)]
@@ -62,13 +63,13 @@ pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> 
     let filters = once(rows.iter().map(|r| filter(r)));
     let of = |name: &(&'static str, u32)| {
         let own = || rows.iter().filter(|r| filter(r) == *name && r.quality.spp.least > 1);
-        let eye =
-            |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.quality.spp.least, of(&r.measured).as_slice())).collect();
-        let noises = noise.map_or([0.0; 2], |n| [n.left.relmse, n.right.relmse]);
-        [
-            slope(*name, "left", eye(|m| &m.relmse_repeats.left), noises[0]),
-            slope(*name, "right", eye(|m| &m.relmse_repeats.right), noises[1]),
-        ]
+        let of_eye = |measured: &Measured, eye| -> Vec<f64> {
+            measured.repeats.iter().filter_map(|both| both.of(eye).get("relmse")).collect()
+        };
+        [(Eye::Left, "left"), (Eye::Right, "right")].map(|(eye, of)| {
+            let settings = own().map(|r| (r.quality.spp.least, of_eye(&r.measured, eye))).collect();
+            slope(*name, of, settings, noise.map_or(0.0, |noise| noise.of(eye).relmse))
+        })
     };
     filters.iter().flat_map(of).flatten().collect()
 }
@@ -81,12 +82,12 @@ fn filter(row: &SettingRow) -> (&'static str, u32) {
 fn slope(
     (denoiser, iterations): (&'static str, u32),
     eye: &'static str,
-    mut settings: Vec<(u32, &[f64])>,
+    mut settings: Vec<(u32, Vec<f64>)>,
     noise: f64,
 ) -> Option<Slope> {
     settings.retain(|(_, repeats)| repeats.iter().all(|&e| e > NOISE_MARGIN * noise));
     let fit = |i: usize| {
-        let point = |(spp, repeats): &(u32, &[f64])| Some((f64::from(*spp), (repeats.get(i)? - noise).sqrt()));
+        let point = |(spp, repeats): &(u32, Vec<f64>)| Some((f64::from(*spp), (repeats.get(i)? - noise).sqrt()));
         log_slope(&settings.iter().map(point).collect::<Option<Vec<_>>>()?)
     };
     let fits: Vec<f64> = (0..settings.first()?.1.len()).map_while(fit).collect();

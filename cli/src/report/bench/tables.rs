@@ -1,17 +1,31 @@
 //! Tables of settings with their times and errors, as text and as CSV, and the notes printed below them.
 
-use super::errors::{NOISE_MARGIN, SHOWN};
+use super::errors::{ERROR, NOISE_MARGIN, SHOWN};
 use super::rows::{Measured, SettingRow};
 use crate::report::csv::{Csv, number};
 use crate::report::frames::FrameLine;
+use crate::report::intervals::interval;
 use crate::report::{Table, cell};
 use diptych::accumulation::Noise;
 use diptych::exec::Stereo;
 use diptych::quality::{Denoiser, FrameQuality, Quality};
+use diptych::scene::rig::Eye;
 
 /// Describes the exposure at which the rows' errors were measured.
 pub fn exposure_note(exposure_ev: f64) -> String {
     format!("PSNR, SSIM, FLIP and flicker are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
+}
+
+/// Returns the caption of the settings whose place the intervals leave open; `None` without any.
+pub fn undecided_note(rows: &[SettingRow]) -> Option<String> {
+    let count = rows.iter().filter(|r| r.undecided).count();
+    (count > 0).then(|| {
+        format!(
+            "{count} of {} settings are undecided: the 95 % intervals do not show whether they belong on the front. \
+             More --turns narrow the intervals of times, more --repeats those of errors.",
+            rows.len()
+        )
+    })
 }
 
 /// Caption that explains `flip_flicker`, the error measure of Pareto fronts and ladders.
@@ -29,15 +43,21 @@ pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
     columns.extend(COLUMNS);
     columns.extend(["time_ms", "time_ms_min", "time_ms_max", "on_front", "eye"]);
     columns.extend(&metrics);
+    columns.extend(["undecided", "turns", "time_ms_low", "time_ms_high", "flip_flicker_low", "flip_flicker_high"]);
     let mut lines = Vec::new();
-    for SettingRow { quality, measured, on_front } in rows {
+    for SettingRow { quality, measured, on_front, undecided } in rows {
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
-        for (eye, errors) in [("left", &errors.left), ("right", &errors.right)] {
+        for (eye, errors) in [(Eye::Left, &errors.left), (Eye::Right, &errors.right)] {
+            let each: Vec<f64> = measured.repeats.iter().filter_map(|both| both.of(eye).get(ERROR)).collect();
+            let ends = |interval: Option<[f64; 2]>| interval.map_or([None; 2], |ends| ends.map(Some));
             let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
             line.extend(cells_of(quality));
             line.extend([time_ms, time_ms_min, time_ms_max].map(|ms| format!("{ms:.4}")));
-            line.extend([on_front.to_string(), eye.to_owned()]);
+            line.extend([on_front.to_string(), eye.to_string()]);
             line.extend(metrics.iter().map(|name| number(errors.get(name), 9)));
+            line.extend([undecided.to_string(), measured.frames.len().to_string()]);
+            line.extend(ends(measured.time_interval()).map(|ms| number(ms, 4)));
+            line.extend(ends(interval(&each)).map(|error| number(error, 9)));
             lines.push(line);
         }
     }
@@ -73,26 +93,32 @@ pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
     [denoiser, iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
-/// Returns a table with a line per setting and eye. The last column marks settings on the Pareto front, and errors that
-/// are within the `noise` of the reference.
+/// Returns a table with a line per setting and eye. The last column marks settings on the front, those that may belong
+/// there, and errors that are within the `noise` of the reference.
 pub fn table(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
     let mut headers = COLUMNS.to_vec();
-    headers.extend(["ms", "eye"]);
+    headers.extend(["ms", "95 %", "eye"]);
     headers.extend(&metrics);
     headers.push("note");
     let mut lines = Vec::new();
-    for SettingRow { quality, measured, on_front } in rows {
+    for SettingRow { quality, measured, on_front, undecided } in rows {
         let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
         let Stereo { left, right } = &measured.errors;
         for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
             let mut line = cells_of(quality).to_vec();
-            line.extend([format!("{:.1}", measured.time_ms), eye.to_owned()]);
+            let within = measured.time_interval().map_or("-".to_owned(), |[low, high]| format!("{low:.1}..{high:.1}"));
+            line.extend([format!("{:.1}", measured.time_ms), within, eye.to_owned()]);
             line.extend(metrics.iter().map(|m| cell(errors.get(m), 4)));
             let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
-            let front = if *on_front { "front" } else { "" };
-            line.push(if is_lost { "within the reference's noise".into() } else { front.to_owned() });
+            let front = match (on_front, undecided) {
+                (true, _) => "front",
+                (false, true) => "undecided",
+                (false, false) => "",
+            };
+            let notes = [front, if is_lost { "within the reference's noise" } else { "" }];
+            line.push(notes.into_iter().filter(|note| !note.is_empty()).collect::<Vec<_>>().join(", "));
             lines.push(line);
         }
     }
@@ -115,6 +141,8 @@ mod tests {
         assert_eq!(found.map(|name| table.value(0, name)), ["12.5000", "false", "left", "0.500000000"]);
         assert_eq!(found.map(|name| table.value(1, name)), ["12.5000", "false", "right", "1.000000000"]);
         assert!(table.lines.iter().all(|line| line.len() == table.columns.len()), "{table:?}");
+        assert_eq!(["undecided", "turns", "time_ms_low"].map(|name| table.value(0, name)), ["false", "2", ""]);
+        assert!(table.value(0, "flip_flicker_low") < table.value(0, "flip_flicker"), "{table:?}");
         // The mean ratio to a black reference is undefined.
         assert_eq!(table.value(0, "mean_ratio"), "");
 
