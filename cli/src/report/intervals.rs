@@ -26,12 +26,17 @@ pub fn interval(values: &[f64]) -> Option<[f64; 2]> {
     (half > 0.0 && half.is_finite()).then_some([mean - half, mean + half])
 }
 
-/// Returns the ends of the 95 % interval of the ratio of two quantities that were measured in the same turns: of the
-/// geometric mean over turns. Load that changes between turns affects both and cancels. Returns `None` if the interval
-/// is unknown, as that of [`interval`].
-pub fn ratio_interval(above: &[f64], below: &[f64]) -> Option<[f64; 2]> {
-    let logs: Vec<f64> = above.iter().zip(below).map(|(a, b)| (a / b).ln()).collect();
+/// Returns the ends of the 95 % interval of the geometric mean of times, errors or ratios, which are positive. Returns
+/// `None` if the interval is unknown, as that of [`interval`].
+pub fn positive_interval(values: impl IntoIterator<Item = f64>) -> Option<[f64; 2]> {
+    let logs: Vec<f64> = values.into_iter().map(f64::ln).collect();
     Some(interval(&logs)?.map(f64::exp))
+}
+
+/// Returns the [`positive_interval`] of the ratio of two quantities that were measured in the same turns. Load that
+/// changes between turns affects both and cancels.
+pub fn ratio_interval(above: &[f64], below: &[f64]) -> Option<[f64; 2]> {
+    positive_interval(above.iter().zip(below).map(|(a, b)| a / b))
 }
 
 #[cfg(test)]
@@ -68,8 +73,8 @@ mod tests {
         let [slow, fast] = [times(21.0, [1.0, 1.01, 0.99, 1.0, 1.01]), times(20.0, [1.01, 1.0, 1.0, 0.99, 1.0])];
         let [low, high] = ratio_interval(&slow, &fast).unwrap();
         assert!(1.0 < low && low < 1.05 && 1.05 < high && high < 1.08, "{low} to {high}");
-        let [of_slow, of_fast] = [&slow, &fast].map(|times| interval(times).unwrap());
-        assert!(of_slow[0] < of_fast[1]);
+        let [of_slow, of_fast] = [slow.clone(), fast].map(|times| positive_interval(times).unwrap());
+        assert!(0.0 < of_slow[0] && of_slow[0] < of_fast[1]);
         assert_eq!(ratio_interval(&[0.0, 1.0], &[1.0, 1.0]), None);
     }
 }

@@ -3,7 +3,7 @@
 use super::errors::{ERROR, FLICKER};
 use super::front::shown_front;
 use super::rows::SettingRow;
-use crate::report::intervals::interval;
+use crate::report::intervals::positive_interval;
 use crate::report::plot::{Chart, Dot, Series, line_chart_svg};
 use crate::report::{ReportError, once};
 use diptych::accumulation::Noise;
@@ -48,7 +48,7 @@ fn dot(row: &SettingRow, metric: &str) -> Dot {
     let measured = &row.measured;
     Dot {
         at: (measured.time_ms, measured.error(metric)),
-        within: [measured.time_interval(), interval(&measured.errors_of(metric))],
+        within: [measured.time_interval(), positive_interval(measured.errors_of(metric))],
         hollow: row.undecided,
     }
 }

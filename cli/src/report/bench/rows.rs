@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::errors::{ERROR, Errors, FLICKER, SeenErrors};
 use crate::report::frames::FrameLine;
-use crate::report::intervals::interval;
+use crate::report::intervals::positive_interval;
 use crate::report::median_of;
 use diptych::control::Rung;
 use diptych::exec::{FrameReport, Stereo};
@@ -107,7 +107,7 @@ impl Measured {
 
     /// Returns the ends of the 95 % interval of the time.
     pub fn time_interval(&self) -> Option<[f64; 2]> {
-        interval(&self.times_ms())
+        positive_interval(self.times_ms())
     }
 
     /// Returns the mean over both eyes of the error `name`; infinite if it is undefined in one eye.

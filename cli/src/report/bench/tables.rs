@@ -4,7 +4,7 @@ use super::errors::{ERROR, NOISE_MARGIN, SHOWN};
 use super::rows::{Measured, SettingRow};
 use crate::report::csv::{Csv, number};
 use crate::report::frames::FrameLine;
-use crate::report::intervals::interval;
+use crate::report::intervals::positive_interval;
 use crate::report::{Table, cell};
 use diptych::accumulation::Noise;
 use diptych::exec::Stereo;
@@ -48,7 +48,7 @@ pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
     for SettingRow { quality, measured, on_front, undecided } in rows {
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
         for (eye, errors) in [(Eye::Left, &errors.left), (Eye::Right, &errors.right)] {
-            let each: Vec<f64> = measured.repeats.iter().filter_map(|both| both.of(eye).get(ERROR)).collect();
+            let each = measured.repeats.iter().filter_map(|both| both.of(eye).get(ERROR));
             let ends = |interval: Option<[f64; 2]>| interval.map_or([None; 2], |ends| ends.map(Some));
             let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
             line.extend(cells_of(quality));
@@ -57,7 +57,7 @@ pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
             line.extend(metrics.iter().map(|name| number(errors.get(name), 9)));
             line.extend([undecided.to_string(), measured.frames.len().to_string()]);
             line.extend(ends(measured.time_interval()).map(|ms| number(ms, 4)));
-            line.extend(ends(interval(&each)).map(|error| number(error, 9)));
+            line.extend(ends(positive_interval(each)).map(|error| number(error, 9)));
             lines.push(line);
         }
     }
