@@ -112,9 +112,22 @@ impl Given {
     }
 }
 
+/// Pool of all commands of this process that have none of their own.
+#[cfg(feature = "python")]
+static POOL: OnceLock<DevicePool> = OnceLock::new();
+
+/// Keeps the devices of this process, with their compiled pipelines, for later use.
+#[cfg(feature = "python")]
+pub fn keep_devices() {
+    POOL.get_or_init(DevicePool::default);
+}
+
 /// Returns the pool of devices, if there is one.
 pub fn devices() -> Option<DevicePool> {
-    run().console.devices.clone()
+    let own = run().console.devices.clone();
+    #[cfg(feature = "python")]
+    let own = own.or_else(|| POOL.get().cloned());
+    own
 }
 
 /// Returns for how long other programs ran; `None` if the system does not tell.

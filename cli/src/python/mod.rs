@@ -20,9 +20,12 @@ mod trace;
 
 use pyo3::prelude::*;
 
+use crate::console::keep_devices;
+
 /// The module `diptych._native`.
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    keep_devices();
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_class::<scene::Scene>()?;
     module.add_class::<renderer::Renderer>()?;
@@ -32,6 +35,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(reference::reference, module)?)?;
     module.add_function(wrap_pyfunction!(metrics::errors, module)?)?;
     module.add_function(wrap_pyfunction!(metrics::flip_map, module)?)?;
+    module.add_function(wrap_pyfunction!(metrics::interval, module)?)?;
     module.add_function(wrap_pyfunction!(arrays::write_exr, module)?)?;
     module.add_function(wrap_pyfunction!(arrays::read_exr, module)?)?;
     module.add_function(wrap_pyfunction!(trace::read_trace, module)?)?;
