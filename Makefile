@@ -138,6 +138,8 @@ python: deps
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check pytest psutil mypy OpenEXR
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check nbclient ipykernel matplotlib jupyter_rfb || \
 		echo "the notebook and the view are not tested, because its packages cannot be installed"
+	out/python/venv/bin/pip install --quiet --disable-pip-version-check pyoidn || \
+		echo "the example with OIDN is not tested, because pyoidn cannot be installed"
 	out/python/venv/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/python/wheels ./python
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check out/python/wheels/diptych-*.whl
 	MYPY_CACHE_DIR=out/python/mypy out/python/venv/bin/python -m mypy --config-file python/pyproject.toml python/diptych

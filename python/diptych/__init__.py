@@ -22,6 +22,7 @@ if sys.platform.startswith("linux") and "XDG_RUNTIME_DIR" not in os.environ:
     os.environ.setdefault("NODEVICE_SELECT", "1")
 
 from ._dataset import dataset  # noqa: E402
+from ._denoise import Denoiser  # noqa: E402
 from ._frame import Camera, Frame, Stereo  # noqa: E402
 from ._measure import Bench, Errors, bench, compare, flip  # noqa: E402
 from ._native import __version__, read_exr, write_exr  # noqa: E402
@@ -32,6 +33,7 @@ __all__ = [
     "Bench",
     "Camera",
     "Controller",
+    "Denoiser",
     "Devices",
     "Errors",
     "Frame",

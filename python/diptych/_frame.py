@@ -36,6 +36,8 @@ class Camera:
     """World to image: after division by w, (0, 0) is its top left corner and (1, 1) its bottom right one."""
     width: int
     height: int
+    eye: str = "left"
+    """`left` or `right`."""
 
     @property
     def position(self) -> NDArray[np.float64]:
@@ -109,9 +111,9 @@ class Frame:
     def cameras(self) -> Stereo:
         """`Camera` of each eye."""
         width, height = self._native.size
-        eyes = [self.report["cameras"][eye] for eye in ("left", "right")]
-        matrices = [(np.array(eye["world_to_camera"]), np.array(eye["world_to_ndc"])) for eye in eyes]
-        return Stereo(*(Camera(*of_eye, width, height) for of_eye in matrices))
+        eyes = [(eye, self.report["cameras"][eye]) for eye in ("left", "right")]
+        matrices = [(np.array(of_eye["world_to_camera"]), np.array(of_eye["world_to_ndc"])) for _, of_eye in eyes]
+        return Stereo(*(Camera(*of_eye, width, height, eye) for of_eye, (eye, _) in zip(matrices, eyes)))
 
     def disparity(self) -> Stereo:
         """Disparity of each eye's pixels, float32 in pixels: the left image's position minus that in the right one.

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from . import _native, _renderer
+from . import _denoise, _native, _renderer
 from ._frame import Frame, Image
 from ._renderer import Devices, Renderer, Scene
 
@@ -71,6 +71,7 @@ def bench(
     reference: Frame | None = None,
     reference_spp: int = 256,
     frames: int = 16,
+    turns: int = 5,
     time: float = 0.0,
     fps: float = 72.0,
     size: tuple[int, int] | None = None,
@@ -80,19 +81,42 @@ def bench(
     """Measures time and error of every combination of options. A list as an option's value is a set of settings.
 
     Each combination renders `frames` frames of the camera's path, of which the last, at `time`, is compared with the
-    reference. `ms` is the median frame time.
+    reference. Then all combinations are timed in turns, so that other programs slow all of them down alike. `ms` is the
+    median frame time over `turns` turns, and `ms_low` and `ms_high` are the ends of its 95 % interval, or None.
+
+    A denoiser may be a function, see `Renderer`. Its time, and that of the auxiliary images that it takes, are part of
+    the frame's.
     """
+    if turns < 1:
+        raise ValueError("turns: give a number from 1")
     reference = reference or _renderer.reference(scene, reference_spp, size=size, devices=devices, time=time)
     grid = {name: value if isinstance(value, (list, tuple)) else [value] for name, value in options.items()}
-    rows = Bench()
-    for values in product(*grid.values()):
-        settings = dict(zip(grid, values))
+    combinations = [dict(zip(grid, values)) for values in product(*grid.values())]
+
+    def last(settings: dict[str, Any], times: list[float]) -> Frame:
+        """Renders a frame at each time with a new renderer, since all renderers together may not fit into memory."""
         renderer = Renderer(scene, size=size, devices=devices, **settings)
-        rendered = [renderer.render(time - i / fps, index=frames - 1 - i) for i in reversed(range(frames))]
-        errors = compare(rendered[-1], reference)
-        ms = median(frame.report["makespan_ms"] for frame in rendered)
-        rows.append(settings | {"ms": ms} | vars(errors))
+        return [renderer.render(at, index=index) for index, at in enumerate(times)][-1]
+
+    path = [time - i / fps for i in reversed(range(frames))]
+    errors = [compare(last(settings, path), reference) for settings in combinations]
+    times_ms: list[list[float]] = [[] for _ in combinations]
+    for turn in range(turns):
+        for i in range(len(combinations)):
+            i = (turn + i) % len(combinations)
+            times_ms[i].append(_frame_ms(last(combinations[i], [time] * 3)))
+    rows = Bench()
+    for settings, found, of_turns in zip(combinations, errors, times_ms):
+        low, high = _native.interval(of_turns) or (None, None)
+        times = {"ms": median(of_turns), "ms_low": low, "ms_high": high}
+        rows.append({key: _denoise.name(value) for key, value in settings.items()} | times | vars(found))
     return rows
+
+
+def _frame_ms(frame: Frame) -> float:
+    """Frame time, with that of a denoiser in Python and of the auxiliary images that it takes."""
+    report = frame.report
+    return report["makespan_ms"] + (report["aov_ms"] + report["denoiser_ms"] if "denoiser_ms" in report else 0.0)
 
 
 def _eyes(image: Frame | Image) -> list[Image]:

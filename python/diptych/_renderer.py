@@ -11,7 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _native, _sinks
+from . import _denoise, _native, _sinks
+from ._denoise import Denoiser
 from ._frame import Frame
 
 
@@ -92,14 +93,20 @@ Policy = Callable[[NDArray[np.float64], int], Iterable[int]]
 class Player:
     """Iterator over the frames of a sequence inside a frame budget. `Renderer.play` makes one."""
 
-    def __init__(self, native: _native.Player):
+    def __init__(self, native: _native.Player, denoiser: Denoiser | None = None):
         self._native = native
+        self._denoiser = denoiser
 
     def __iter__(self) -> Iterator[Frame]:
         return self
 
     def __next__(self) -> Frame:
-        return Frame(next(self._native))
+        frame = Frame(next(self._native))
+        if self._denoiser is None:
+            return frame
+        frame = _denoise.denoise(frame, self._denoiser)
+        self._native.spend(frame.report["denoiser_ms"])
+        return frame
 
     @property
     def ladder(self) -> list[dict[str, Any]]:
@@ -125,6 +132,9 @@ class Renderer:
     `policy` distributes the rows of each frame over the devices, in place of the option `balance`. It takes the
     predicted costs in milliseconds, an array of the shape (devices, rows), and the number of rows; it returns the
     number of rows of each device.
+
+    `denoiser` may be a function of an eye's arrays: colour, albedo, normal, position, motion and `Camera`. It returns
+    the denoised colour. Its time for both eyes is `denoiser_ms` in the report of a frame.
     """
 
     def __init__(
@@ -136,6 +146,7 @@ class Renderer:
         policy: Policy | None = None,
         **options: Any,
     ):
+        self._denoiser, options = _denoise.split(options)
         self._native = _native.Renderer(scene._native, policy=policy, size=size, **_devices(devices), **options)
         self.scene = scene
 
@@ -154,8 +165,16 @@ class Renderer:
         `index` keys the random numbers; it grows by 1 from frame to frame. `warm_up` frames of the same instant come
         first and give the denoiser a history, which otherwise consists of the frames rendered before.
         """
-        pose = {"position": _triple(position), "target": _triple(target), "up": _triple(up)}
-        return Frame(self._native.render(time, index=index, warm_up=warm_up, **pose))
+        pose: dict[str, Any] = {"position": _triple(position), "target": _triple(target), "up": _triple(up)}
+        if self._denoiser is None:
+            return Frame(self._native.render(time, index=index, warm_up=warm_up, **pose))
+        # A denoiser may keep a history, too.
+        if warm_up > 0:
+            self._native.begin_anew()
+        for before in range(warm_up, -1, -1):
+            number = None if index is None else (index - before) % 2**32
+            frame = _denoise.denoise(Frame(self._native.render(time, index=number, **pose)), self._denoiser)
+        return frame
 
     def play(
         self,
@@ -180,7 +199,8 @@ class Renderer:
         """
         path = None if motion is None else os.fspath(motion)
         timing: dict[str, Any] = {"fps": fps, "time": time, "motion": path, "pace": pace}
-        return Player(_native.Player(self._native, budget_ms, frames, controller=controller, **timing))
+        native = _native.Player(self._native, budget_ms, frames, controller=controller, **timing)
+        return Player(native, self._denoiser)
 
     def view(self, time: float = 0.0) -> Any:
         """Returns an interactive view of both eyes, a widget for notebooks. It needs the package `jupyter_rfb`.

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import diptych as dp
 
@@ -48,3 +49,21 @@ def test_the_policy_of_the_page_distributes_rows(scene):
     exec(script, names)
     frames = [names["renderer"].render(index=index) for index in range(3)]
     assert all(sum(frame.report["stripes"]) == 360 for frame in frames)
+
+
+def test_the_denoiser_of_the_page_is_measured(scene, capsys):
+    (script,) = [block for block in blocks() if "def mean(" in block]
+    assert len(script.split("\n\n")[0].splitlines()) <= 15
+    exec(script, {"dp": dp, "np": np, "scene": scene})
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == ["svgf", "mean"]
+    assert all(0 < float(line.split()[-1]) < 0.2 for line in lines), lines
+
+
+def test_oidn_is_measured(scene):
+    pytest.importorskip("pyoidn", reason="OIDN needs the package pyoidn")
+    (script,) = [block for block in blocks() if "import pyoidn" in block]
+    names = {"dp": dp, "np": np, "scene": scene}
+    exec(script, names)
+    svgf, oidn = names["table"]
+    assert (svgf["denoiser"], oidn["denoiser"]) == ("svgf", "oidn") and oidn["flip"] < 0.2

@@ -216,8 +216,13 @@ impl Session {
         let _span = tracing::info_span!("read images").entered();
         let begin = Instant::now();
         let images = read(&mut self.renderer)?;
-        *self.read_ms.get_or_insert_default() += begin.elapsed().as_secs_f64() * 1e3;
+        self.spend(begin.elapsed().as_secs_f64() * 1e3);
         Ok(images)
+    }
+
+    /// Counts time that passes between the last frame and its presentation, in milliseconds, like that of [`Self::read`].
+    pub fn spend(&mut self, ms: f64) {
+        *self.read_ms.get_or_insert_default() += ms;
     }
 
     /// Chooses a rung and renders a frame on it.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use numpy::{PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
-use pyo3::exceptions::PyKeyError;
+use pyo3::exceptions::{PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -181,6 +181,25 @@ impl Frame {
         };
         let planes = Planes::of(&image, channels)?;
         py.detach(|| planes.write(&path, &tags).map_err(exception))
+    }
+
+    /// Returns the frame with other light of the same size.
+    fn with_light(
+        &self,
+        py: Python<'_>,
+        left: PyReadonlyArrayDyn<'_, f32>,
+        right: PyReadonlyArrayDyn<'_, f32>,
+    ) -> PyResult<Self> {
+        let (left, right) = (arrays::image(&left)?, arrays::image(&right)?);
+        let extent = self.extent(py);
+        if [left.extent, right.extent] != [extent; 2] {
+            let what = format!("the eyes' images are {} and {}, not {extent}", left.extent, right.extent);
+            return Err(PyValueError::new_err(what));
+        }
+        let [left, right] = arrays::of_stereo(py, Stereo { left, right })?;
+        let aovs = self.aovs.iter().map(|(aov, eyes)| (*aov, eyes.each_ref().map(|eye| eye.clone_ref(py)))).collect();
+        let (tags, report) = (self.tags.clone(), self.report.clone());
+        Ok(Self { left, right, aovs, tags, report, ..*self })
     }
 
     /// Width and height of each eye's image in pixels.

@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 
 use super::arrays::{self, Pixels};
 use super::failure::exception;
+use crate::report::intervals::positive_interval;
 use diptych::image::{Extent, Image};
 use diptych::metrics::{MEASURES, Pair};
 
@@ -28,6 +29,12 @@ pub fn errors(
     let (_, pair) = pair(py, &reference, &image, exposure_ev)?;
     let values = py.detach(|| pair.errors().values());
     Ok(MEASURES.iter().map(|(name, _)| *name).zip(values).collect())
+}
+
+/// Ends of the 95 % interval of the geometric mean of a few positive values; `None` if it is unknown.
+#[pyfunction]
+pub fn interval(values: Vec<f64>) -> Option<[f64; 2]> {
+    positive_interval(values)
 }
 
 /// FLIP of each pixel, float32 of the shape (height, width, 1).

@@ -185,6 +185,16 @@ impl Player {
         Frame::new(py, images, renderer.look, report, begin).map(Some)
     }
 
+    /// Counts time in milliseconds that the last frame took after it was rendered. The control loop adds the mean of it
+    /// to each frame's time.
+    fn spend(&self, py: Python<'_>, ms: f64) -> PyResult<()> {
+        if !(ms.is_finite() && ms >= 0.0) {
+            return Err(PyValueError::new_err("ms is not a number of milliseconds"));
+        }
+        py.detach(|| self.lock().map(|mut playing| playing.iter_mut().for_each(|p| p.session.spend(ms))))
+            .map_err(exception)
+    }
+
     /// Ends the sequence and gives the devices back to the renderer.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         py.detach(|| self.end()).map_err(exception)
