@@ -7,6 +7,7 @@ mod findings;
 mod maps;
 mod pictures;
 mod rivalry;
+mod rows;
 mod sequence;
 mod text;
 mod viewing;
@@ -18,10 +19,10 @@ use diptych::exec::Stereo;
 use diptych::image::display::DisplayImage;
 use diptych::image::exr::read_colour;
 use diptych::image::{Extent, stereo};
-use diptych::metrics::disparity::FeatureDisparity;
+use diptych::metrics::disparity::{FEATURE_MEASURES, FeatureDisparity};
 use diptych::metrics::heatmap::{flip_heatmap, heatmap};
 use diptych::metrics::rings::Viewing;
-use diptych::metrics::rivalry::Differences;
+use diptych::metrics::rivalry::{Differences, RIVALRY_MEASURES};
 use diptych::metrics::{MEASURES, Pair};
 use serde::Serialize;
 
@@ -31,6 +32,7 @@ use by_kind::{ByKind, Missing};
 use findings::{BothFindings, Findings, Rings, mean};
 use maps::Map;
 use rivalry::{NEEDS, Seen};
+use rows::{Row, Values};
 use viewing::differences;
 
 #[derive(clap::Args)]
@@ -74,6 +76,9 @@ pub struct Args {
     /// 1, 2, … of DIR.
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
+    /// Write a CSV file with a row per image: means over eyes and frames
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
     /// Print JSON, a line per image
     #[arg(long)]
     json: bool,
@@ -103,15 +108,25 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.yfov.is_some() && by.rings.is_none() && !by.kind && args.maps.is_none() {
         return Err(input("--yfov is for rings and kinds of pixels: add --by rings or --by kind".to_owned()));
     }
+    let inputs = args.images.iter().chain([&args.reference]);
+    args.csv.as_ref().map_or(Ok(()), |path| rows::check(path, inputs))?;
+    let is_one = args.images.len() == 1;
+    // Several images have a table, and each its own results only if `--by` asks for more than a row.
+    let is_detailed = !args.json && (is_one || by.names().into_iter().any(|(_, is_given)| is_given));
+    let mut rows = Vec::new();
     for (i, image) in args.images.iter().enumerate() {
-        let is_one = args.images.len() == 1;
         let folder = |maps: &PathBuf| if is_one { maps.clone() } else { maps.join((i + 1).to_string()) };
-        if !is_one && !args.json {
+        if is_detailed && !is_one {
             say!("{}{}:", if i > 0 { "\n" } else { "" }, image.display());
         }
-        Comparison { args, by: &by, image, maps: args.maps.as_ref().map(folder) }.run()?;
+        let values = Comparison { args, by: &by, image, maps: args.maps.as_ref().map(folder), is_detailed }.run()?;
+        rows.push(Row { image: image.display().to_string(), values });
     }
-    Ok(())
+    if !args.json && !is_one {
+        say!("{}", if is_detailed { "\nmeans over eyes and frames:" } else { "means over eyes and frames:" });
+        rows::print(&rows);
+    }
+    args.csv.as_ref().map_or(Ok(()), |path| rows::write(path, &rows))
 }
 
 /// An image, or a folder of images, that is compared with the reference.
@@ -121,6 +136,8 @@ struct Comparison<'a> {
     image: &'a Path,
     /// Folder of its maps.
     maps: Option<PathBuf>,
+    /// True if its results are printed at length.
+    is_detailed: bool,
 }
 
 /// Results as printed by `--json`.
@@ -137,7 +154,8 @@ struct Printed<'a, T> {
 }
 
 impl Comparison<'_> {
-    fn run(&self) -> Result<(), Failure> {
+    /// Compares the image, and returns its measures.
+    fn run(&self) -> Result<Values, Failure> {
         let (reference, image) = (&*self.args.reference, self.image);
         match (reference.is_dir(), image.is_dir()) {
             (false, false) if [reference, image].into_iter().any(pictures::is_picture) => pictures::run(self),
@@ -160,15 +178,16 @@ impl Comparison<'_> {
         }
     }
 
-    fn one(&self) -> Result<(), Failure> {
+    fn one(&self) -> Result<Values, Failure> {
         let compared = Compared::read(self, &self.args.reference, self.image)?;
         let findings = &compared.findings;
         findings.warn("");
         findings.rings.iter().for_each(Rings::warn);
-        self.finish(findings, || Ok(compared.maps()), || text::print(&[("image", findings)]))
+        self.finish(findings, || Ok(compared.maps()), || text::print(&[("image", findings)]))?;
+        Ok(rows::of_errors(findings.errors.values()))
     }
 
-    fn both_eyes(&self) -> Result<(), Failure> {
+    fn both_eyes(&self) -> Result<Values, Failure> {
         let read = |name: &str| Compared::read(self, &self.args.reference.join(name), &self.image.join(name));
         let (left, right) = (read("left.exr")?, read("right.exr")?);
         left.findings.warn("left eye: ");
@@ -193,7 +212,11 @@ impl Comparison<'_> {
             text::print(&[("left", eyes.left), ("right", eyes.right)]);
             text::print_rivalry(&rivalry, &features);
         };
-        self.finish(&BothFindings { eyes, mean, rivalry, features }, maps, print)
+        let of_eyes = RIVALRY_MEASURES.iter().zip(rivalry.values());
+        let of_both = of_eyes.chain(FEATURE_MEASURES.iter().zip(features.values())).map(|((name, _), v)| (*name, v));
+        let values = rows::of_errors(means).into_iter().chain(of_both.filter(|_| differences.is_some())).collect();
+        self.finish(&BothFindings { eyes, mean, rivalry, features }, maps, print)?;
+        Ok(values)
     }
 
     /// Writes the maps that `--maps` asks for, and prints the results as JSON or with `print`.
@@ -212,7 +235,9 @@ impl Comparison<'_> {
             let printed = Printed { image, found, maps: written };
             say!("{}", serde_json::to_string(&printed).map_err(anyhow::Error::from)?);
         } else {
-            print();
+            if self.is_detailed {
+                print();
+            }
             maps.iter().zip(&written).for_each(|((folder, maps), written)| maps::say(folder, maps, written));
         }
         Ok(())

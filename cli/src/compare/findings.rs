@@ -10,6 +10,7 @@ use diptych::metrics::rivalry::Rivalry;
 use diptych::metrics::seams::SeamError;
 use serde::Serialize;
 
+use super::rows;
 use super::viewing::Source;
 
 /// Results for a pair of images, as printed by `--json`.
@@ -76,5 +77,5 @@ impl Rings {
 /// Returns the mean of each measure over both eyes, if it is defined in both.
 pub(super) fn mean(left: &Findings, right: &Findings) -> [Option<f64>; 9] {
     let (left, right) = (left.errors.values(), right.errors.values());
-    std::array::from_fn(|i| Some((left[i]? + right[i]?) / 2.0))
+    std::array::from_fn(|i| rows::mean([left[i], right[i]]))
 }

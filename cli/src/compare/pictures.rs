@@ -12,6 +12,7 @@ use diptych::metrics::seams::SeamError;
 use diptych::metrics::{Errors, Pair};
 use serde::Serialize;
 
+use super::rows::{self, Values};
 use super::{Comparison, check_seams, maps, text};
 
 /// Maximum width and height of a picture, pixels.
@@ -32,7 +33,7 @@ struct Found {
     seams: Option<SeamError>,
 }
 
-pub fn run(comparison: &Comparison<'_>) -> Result<(), Failure> {
+pub fn run(comparison: &Comparison<'_>) -> Result<Values, Failure> {
     let pair = compared(comparison).map_err(Failure::Input)?;
     let seams = &comparison.by.seams;
     let found = Found { errors: pair.errors(), seams: (!seams.is_empty()).then(|| pair.seam_error(seams)) };
@@ -40,7 +41,8 @@ pub fn run(comparison: &Comparison<'_>) -> Result<(), Failure> {
     comparison.finish(&found, maps, || {
         text::print_errors(&[found.errors.values()]);
         found.seams.iter().for_each(|seams| text::print_seams(seams, ""));
-    })
+    })?;
+    Ok(rows::of_errors(found.errors.values()))
 }
 
 fn compared(comparison: &Comparison<'_>) -> Result<Pair, anyhow::Error> {

@@ -14,6 +14,7 @@ use diptych::metrics::temporal::{Change, MovingSurfaces};
 use diptych::metrics::{Errors, MEASURES, Pair};
 use serde::Serialize;
 
+use super::rows::{Values, mean};
 use super::viewing::{Source, differences, source_note};
 use super::{Comparison, aovs, rivalry, viewing};
 use crate::failure::Failure;
@@ -46,12 +47,18 @@ pub fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error
     Ok(numbered.iter().all(|frames| frames.len() > 1) || !is_one_of_eyes)
 }
 
-/// Compares two sequences and prints the measures.
-pub fn run(comparison: &Comparison<'_>) -> Result<(), Failure> {
+/// Compares two sequences, prints the measures, and returns their means over eyes and frames.
+pub fn run(comparison: &Comparison<'_>) -> Result<Values, Failure> {
     let Comparison { args, image, .. } = comparison;
     let sequence = Sequence::find(&args.reference, image, args.exposure).map_err(Failure::Input)?;
     let results = sequence.results().map_err(Failure::Input)?;
-    comparison.finish(&results, || Ok(Vec::new()), || print(&sequence, &results))
+    comparison.finish(&results, || Ok(Vec::new()), || print(&sequence, &results))?;
+    let Stereo { left, right } = &results.rows;
+    let means = MEASURES.iter().map(|(name, _)| (*name, mean([left, right].map(|row| row.mean.get(name)))));
+    let changes = [left, right].map(|row| [row.temporal.flicker, row.temporal.ghosting, row.temporal.new_share]);
+    let changes = SEQUENCE_MEASURES.iter().enumerate().map(|(i, (name, _))| (*name, mean(changes.map(|of| of[i]))));
+    let rivalry = RIVALRY_MEASURES.iter().map(|(name, _)| *name).zip(results.rivalry.values());
+    Ok(means.chain(changes).chain(rivalry).chain([(RIVALRY_FLICKER.0, results.rivalry_flicker)]).collect())
 }
 
 fn print(sequence: &Sequence<'_>, results: &Results) {

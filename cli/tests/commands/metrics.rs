@@ -241,15 +241,31 @@ fn compare_writes_maps_into_a_folder() {
 }
 
 #[test]
-fn compare_of_several_images_prints_each() {
+fn compare_of_several_images_has_a_row_for_each() {
     let files = files();
     let lines = files.run(&format!("{COMPARE} ./reference.exr --json --maps ./maps")).events();
     assert_eq!(lines[0]["flip"], json(&files, "")["flip"]);
     let reference = files.word("./reference.exr");
-    assert_eq!((lines.len(), &lines[1]["image"], &lines[1]["flip"]), (2, &reference.into(), &0.0.into()));
+    assert_eq!((lines.len(), &lines[1]["image"], &lines[1]["flip"]), (2, &reference.clone().into(), &0.0.into()));
     assert!(["maps/1/error.png", "maps/2/flip.png"].iter().all(|map| files.path(map).is_file()));
-    let text = files.run(&format!("{COMPARE} ./reference.exr")).out;
-    assert!(text.contains("image.exr:\n") && text.contains("reference.exr:\n"), "{text}");
+    let text = files.run(&format!("{COMPARE} ./reference.exr --csv ./all.csv")).out;
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!((lines.len(), lines[0]), (5, "means over eyes and frames:"), "{text}");
+    assert!(lines[1].starts_with("image") && lines[3].contains("image.exr") && lines[4].contains("reference.exr"));
+    let csv = files.text("all.csv");
+    let mut reader = csv::Reader::from_reader(csv.as_bytes());
+    let headers = reader.headers().unwrap().clone();
+    assert_eq!(headers.iter().skip(1).collect::<Vec<_>>(), MEASURES.map(|(name, _)| name));
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let value = |row: usize, name: &str| &rows[row][headers.iter().position(|header| header == name).unwrap()];
+    assert_eq!((rows.len(), value(1, "image"), value(1, "flip")), (2, &*reference, "0.000000000"));
+    assert_eq!(value(1, "psnr"), "inf");
+    let flip: f64 = value(0, "flip").parse().unwrap();
+    assert!((flip - json(&files, "")["flip"].as_f64().unwrap()).abs() < 1e-9);
+    // Parts of each image come before the table.
+    let text = files.run(&format!("{COMPARE} ./reference.exr --by seams=10")).out;
+    assert!(text.contains("image.exr:\n") && text.contains("seam_ratio") && text.contains("means over"), "{text}");
+    files.refuses(2, "", &format!("{COMPARE} --csv ./image.exr => image.exr | give another"));
 }
 
 /// Pictures of the same images have the same FLIP, up to the rounding of their levels.
