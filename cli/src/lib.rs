@@ -66,6 +66,7 @@ mod simulate;
 mod study;
 mod tev;
 mod trace;
+mod units;
 #[cfg_attr(not(feature = "view"), path = "no_view.rs")]
 mod view;
 

@@ -3,6 +3,7 @@
 use etcetera::BaseStrategy;
 use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
+use super::units;
 use diptych::accel::TreeCache;
 use diptych::frame::settings::Settings;
 use diptych::scene::budget::{Budget, ByteSize};
@@ -41,7 +42,10 @@ pub fn load_from(
     budget: &Budget,
 ) -> Result<(Shot, Scene), SceneError> {
     let Settings { allow_outside, strict, .. } = *settings;
-    load_shot_within(shot, &settings.overrides(look, time_s), Access { budget, allow_outside, strict, source })
+    let access = Access { budget, allow_outside, strict, source };
+    let (shot, mut scene) = load_shot_within(shot, &settings.overrides(look, time_s), access)?;
+    scene.warnings.extend(units::warning(settings, &shot.rig, &scene));
+    Ok((shot, scene))
 }
 
 /// Returns the memory of this machine, or of the container if that has less, in bytes.

@@ -38,7 +38,7 @@ impl DerefMut for SettingFlags {
 pub const FLAGS: [(&str, &str); 9] = [
     (
         "render",
-        "position target yfov gaze exposure environment animation time fps allow_outside size spp bounces denoiser \
+        "position target yfov metres_per_unit gaze exposure environment animation time fps allow_outside size spp bounces denoiser \
          iterations foveation reproject cache seed seam devices threads_per_device balance ratios aov disturb",
     ),
     ("play", LOOP),
@@ -52,10 +52,12 @@ pub const FLAGS: [(&str, &str); 9] = [
 ];
 
 /// Flags of commands that keep frames inside a budget.
-const LOOP: &str = "fps size denoiser iterations foveation reproject devices threads_per_device balance disturb";
+const LOOP: &str =
+    "metres_per_unit fps size denoiser iterations foveation reproject devices threads_per_device balance disturb";
 
 /// Settings whose flags only the long help shows.
-const RARE: [&str; 8] = ["yfov", "gaze", "animation", "time", "allow_outside", "seed", "cache", "disturb"];
+const RARE: [&str; 9] =
+    ["yfov", "metres_per_unit", "gaze", "animation", "time", "allow_outside", "seed", "cache", "disturb"];
 
 /// Returns a command with the flags of settings, whose keys have spaces between them.
 pub fn with_flags(command: Command, keys: &str) -> Command {

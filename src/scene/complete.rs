@@ -30,6 +30,7 @@ pub enum Look {
 pub struct Overrides {
     pub yfov_rad: Option<f64>,
     pub baseline_m: Option<f64>,
+    pub metres_per_unit: Option<f64>,
     pub exposure: Option<Exposure>,
     /// Index of a camera in the scene file.
     pub camera: Option<usize>,
@@ -117,7 +118,7 @@ fn rig(
     motion: &Motion,
     budget: &Budget,
 ) -> Result<(Rig, Option<Room>), SceneError> {
-    let metres_per_unit = draft.metres_per_unit.unwrap_or(1.0);
+    let metres_per_unit = overrides.metres_per_unit.or(draft.metres_per_unit).unwrap_or(1.0);
     let yfov_rad = overrides.yfov_rad.or(draft.yfov_rad);
     let of_keys = |keys| Rig { metres_per_unit, ..Rig::of_keys(keys) };
     let camera = overrides.camera.or((draft.keys.is_empty() && !scene.cameras.is_empty()).then_some(0));
@@ -193,6 +194,9 @@ fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> V
 /// Maximum number of keys of a camera's path, which is enough for one hour.
 const MOST_KEYS: f64 = 3600.0 * PATH_HZ;
 
+/// Baseline in metres below which a scene is probably not in metres: that of an object of about a centimetre.
+const TINY_BASELINE_M: f64 = 1e-3;
+
 /// Returns the viewpoint that [`viewpoint::find`] chooses, and notes that the file has no camera. `baseline_m` is the
 /// requested baseline.
 fn found_rig(scene: &mut Scene, wanted: &Wanted, baseline_m: Option<f64>, budget: &Budget) -> (Rig, Option<Room>) {
@@ -201,7 +205,8 @@ fn found_rig(scene: &mut Scene, wanted: &Wanted, baseline_m: Option<f64>, budget
     let place = if room.is_some() { "inside the scene" } else { "in front of the scene" };
     let baseline = match baseline_m {
         None if rig.baseline_m < DEFAULT_BASELINE_M => {
-            format!(", with a baseline of {:.3} mm that suits the scene's size", rig.baseline_m * 1e3)
+            let unit = if rig.baseline_m < TINY_BASELINE_M { ", unless its unit is not the metre" } else { "" };
+            format!(", with a baseline of {:.3} mm that suits the scene's size{unit}", rig.baseline_m * 1e3)
         }
         _ => String::new(),
     };

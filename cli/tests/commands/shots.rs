@@ -107,3 +107,17 @@ fn same_bytes_from_an_exported_shot() {
     }
     folder.assert_same_eyes("exported", "own");
 }
+
+#[test]
+fn wrong_units_are_told_and_mended() {
+    let folder = Folder::new();
+    let rig = "rig.metres_per_unit = 1000\n[[rig.key]]\nposition = [0, 1, 3]\ntarget = [0, 1, 0]\n";
+    folder.write("far.toml", format!("scene = 'builtin:cornell'\n{rig}"));
+    let warns = |line: &str| folder.run(line).errors.contains("both eyes see almost the same picture");
+    let render = "render ./far.toml --size 32x18 --spp 1 --denoiser none --out ./out";
+    assert!(warns("info ./far.toml") && warns(render));
+    assert!(!warns("info ./far.toml --set metres_per_unit=1") && !warns(&format!("{render} --metres-per-unit 1")));
+    let run: serde_json::Value = serde_json::from_str(&folder.text("out/run.json")).unwrap();
+    assert_eq!(run["settings"]["metres_per_unit"], 1.0);
+    folder.refuses(2, "", "info ./far.toml --set metres_per_unit=0 => metres_per_unit | above 0");
+}

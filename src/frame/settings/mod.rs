@@ -50,6 +50,10 @@ table::settings! {
         yfov: Option<f64> = None;
         /// Interpupillary distance, metres [default: the shot's, else 0.064]
         baseline: Option<f64> = None;
+        /// Length of a scene unit, metres [default: the shot's, else 1]
+        ///
+        /// For files in millimetres, give 0.001.
+        metres_per_unit: Option<f64> = None;
         /// View of the whole scene: front, three-quarter, top, AZ,EL or AZ,EL,ZOOM
         ///
         /// AZ is the azimuth in degrees: 0 is the front, +z, and 90 the side at +x. EL is the elevation, 90 above.
@@ -378,6 +382,7 @@ impl Settings {
         Overrides {
             yfov_rad: self.yfov.map(f64::to_radians),
             baseline_m: self.baseline,
+            metres_per_unit: self.metres_per_unit,
             exposure: self.exposure,
             orbit: self.orbit,
             camera: self.camera.map(|camera| camera as usize),
