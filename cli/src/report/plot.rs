@@ -230,11 +230,13 @@ fn draw_line(canvas: &mut Canvas, line: &Drawn) -> Result<(), DrawingError> {
         Circle::new(dot.at, 3, style)
     };
     canvas.draw_series(line.dots.iter().map(dot))?;
-    // Labels end left of their points, since lines rise to the right.
-    let style = ("sans-serif", 13).into_font().color(&INK).pos(Pos::new(HPos::Right, VPos::Bottom));
+    // Labels are above their points, left of lines that rise to the right, and right of those that fall.
+    let ends = line.points.first().zip(line.points.last());
+    let (side, x) = if ends.is_some_and(|(a, b)| b.1 < a.1) { (HPos::Left, 8) } else { (HPos::Right, -8) };
+    let style = ("sans-serif", 13).into_font().color(&INK).pos(Pos::new(side, VPos::Bottom));
     let labels = points.zip(&line.series.labels).filter(|(_, text)| !text.is_empty());
     canvas
-        .draw_series(labels.map(|(p, text)| EmptyElement::at(p) + Text::new(text.clone(), (-8, -6), style.clone())))?;
+        .draw_series(labels.map(|(p, text)| EmptyElement::at(p) + Text::new(text.clone(), (x, -6), style.clone())))?;
     Ok(())
 }
 

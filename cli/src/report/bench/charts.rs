@@ -8,7 +8,7 @@ use crate::report::plot::{Chart, Dot, Series, line_chart_svg};
 use crate::report::{ReportError, once};
 use diptych::accumulation::Noise;
 use diptych::exec::Stereo;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 
 /// Errors that [`svg`] can plot. Smaller is better in each.
 pub const METRICS: [&str; 8] =
@@ -63,8 +63,13 @@ pub(super) fn fronts(rows: &[SettingRow], error: &str) -> Vec<Series> {
     let series = |denoiser: &Option<Denoiser>| {
         let own: Vec<&SettingRow> = rows.iter().filter(|r| r.quality.denoiser() == *denoiser).collect();
         let point = |i: usize| (own[i].measured.time_ms, own[i].measured.error(error));
-        let points = shown_front(&own, error).into_iter().map(point).collect();
-        Series { name: Denoiser::name_of(*denoiser).to_owned(), points, ..Series::default() }
+        let front = shown_front(&own, error);
+        let label = |i: &usize| match own[*i].quality {
+            Quality { spp, scale: 1.0, .. } => format!("{spp} spp"),
+            Quality { spp, scale, .. } => format!("{spp} spp, scale {scale}"),
+        };
+        let (labels, points) = (front.iter().map(label).collect(), front.into_iter().map(point).collect());
+        Series { name: Denoiser::name_of(*denoiser).to_owned(), points, labels, ..Series::default() }
     };
     denoisers.iter().map(series).collect()
 }
@@ -83,6 +88,7 @@ mod tests {
         mark_front(&mut rows);
         let svg = svg("t".into(), &rows, "flip", None).unwrap();
         assert_eq!((svg.matches("r=\"4\"").count(), svg.matches("r=\"3\"").count()), (2, 3));
-        assert!(svg.contains("flip, mean of both eyes"));
+        assert!(["flip, mean of both eyes", "1 spp", "4 spp"].iter().all(|text| svg.contains(text)));
+        assert!(!svg.contains("2 spp"));
     }
 }
