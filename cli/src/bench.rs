@@ -181,6 +181,9 @@ fn write_results(
         ("virtual_devices", args.virtual_devices.to_string()),
     ];
     csv(&shared, rows).write(&options.out.join("bench.csv"))?;
+    if args.latex {
+        output::write_text(&options.out, "bench.tex", &table(rows, reference.noise.as_ref()).latex())?;
+    }
     let title = format!("Time against error, {} at {}", options.shot, options.settings.size);
     let figure = svg(title, rows, &args.metric, reference.noise.as_ref()).context("cannot draw the plot")?;
     output::write_text(&options.out, "bench.svg", &figure)?;

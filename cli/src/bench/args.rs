@@ -81,6 +81,9 @@ pub struct Args {
     /// Error that bench.svg plots over time [default: relmse]
     #[arg(long, default_value = "relmse", hide_default_value = true, value_parser = METRICS, help_heading = options::OUTPUT)]
     pub(super) metric: String,
+    /// Also write bench.tex, the table in LaTeX
+    #[arg(long, help_heading = options::OUTPUT)]
+    pub(super) latex: bool,
     /// Also write report.html
     #[arg(long, help_heading = options::OUTPUT)]
     pub(super) report: bool,

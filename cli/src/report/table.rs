@@ -35,6 +35,17 @@ impl Table {
         text_table(&self.headers, &self.rows)
     }
 
+    /// Writes the table in LaTeX, with the rules of the package `booktabs`.
+    pub fn latex(&self) -> String {
+        let special = |c: char| matches!(c, '&' | '%' | '_' | '#').then_some('\\').into_iter().chain([c]);
+        let escaped = |cell: &str| cell.chars().flat_map(special).collect::<String>();
+        let line = |cells: Vec<&str>| cells.into_iter().map(escaped).collect::<Vec<_>>().join(" & ") + r" \\" + "\n";
+        let rows: String = self.rows.iter().map(|row| line(row.iter().map(String::as_str).collect())).collect();
+        let (columns, headers) = ("l".repeat(self.headers.len()), line(self.headers.clone()));
+        let (top, middle, bottom) = (r"\toprule", r"\midrule", r"\bottomrule");
+        format!("\\begin{{tabular}}{{{columns}}}\n{top}\n{headers}{middle}\n{rows}{bottom}\n\\end{{tabular}}\n")
+    }
+
     /// Lists the names and values of a struct's fields. Anything other than a struct or a map gives an empty table.
     pub fn of_fields(of: &impl Serialize) -> Table {
         let fields = serde_json::to_value(of).ok().and_then(|value| value.as_object().cloned()).unwrap_or_default();
@@ -141,6 +152,14 @@ mod tests {
 
     fn rows(cells: &[&[&str]]) -> Vec<Vec<String>> {
         cells.iter().map(|row| row.iter().map(|c| (*c).to_owned()).collect()).collect()
+    }
+
+    #[test]
+    fn latex_has_a_line_per_row_and_escapes() {
+        let table = Table { headers: vec!["a_b", "95 %"], rows: rows(&[&["x & y", "1..2"]]) };
+        let lines = ["\\begin{tabular}{ll}", "\\toprule", "a\\_b & 95 \\% \\\\", "\\midrule", "x \\& y & 1..2 \\\\"];
+        let text = lines.join("\n") + "\n\\bottomrule\n\\end{tabular}\n";
+        assert_eq!(table.latex(), text);
     }
 
     #[test]

@@ -49,7 +49,7 @@ fn errors_fall_as_the_square_root_of_samples() {
 fn grid_writes_rows_plot_and_reference() {
     let folder = Folder::new();
     let few = "--bounces 6 --iterations 3 --reference-spp 64 --virtual 2";
-    let events = bench(&folder, &format!("--size 32x18 --quick --repeats 1 {few}"));
+    let events = bench(&folder, &format!("--size 32x18 --quick --repeats 1 --latex {few}"));
     let rows = event(&events, "result")["rows"].as_array().unwrap().clone();
     assert!(rows.len() >= 4);
     assert!(rows.iter().all(|r| r["time_ms"].as_f64().unwrap() > 0.0 && r["errors"]["right"]["rmse"].is_f64()));
@@ -61,6 +61,8 @@ fn grid_writes_rows_plot_and_reference() {
     for column in columns {
         assert!(csv.lines().next().unwrap().split(',').any(|c| c == column), "no {column} in {csv}");
     }
+    let latex = folder.text("bench/bench.tex");
+    assert_eq!(latex.lines().filter(|line| line.ends_with(r" \\")).count(), 1 + 2 * rows.len(), "{latex}");
     let svg = folder.text("bench/bench.svg");
     assert!(["atrous", "none", "noise of the reference"].iter().all(|text| svg.contains(text)));
 
