@@ -85,6 +85,7 @@ failures! {
     }
     ExecError {
         ExecError::Setting(error) => Self::Input(error.into()),
+        ExecError::Stopped => Self::Interrupted,
         error => Self::Run(error.into()),
     }
     CalibrationError {

@@ -3,6 +3,7 @@
 mod means;
 mod options;
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::report::host::HostSummary;
@@ -17,6 +18,7 @@ use diptych::quality::Quality;
 
 use super::failure::Failure;
 use super::faults::refuse_faults;
+use super::interrupt::INTERRUPTED;
 use super::play::fitting_size;
 use super::progress::Progress;
 use super::{console, interrupt, output, page};
@@ -71,6 +73,7 @@ pub fn run(args: &Options) -> Result<(), Failure> {
         }
         measured => measured?,
     }
+    let _writing = interrupt::writing();
     measuring.finish()?;
     interrupt::check()
 }
@@ -81,13 +84,15 @@ pub fn shot(args: &Options, loaded: &LoadedScene) -> Result<(), Failure> {
     let mut measuring = Measuring::begin(args, args.sizes.len() + WITHIN_MS.len(), adapters)?;
     let (adapter, name) = (ready[0].index, loaded.shot.name.as_str());
     let place = Place { adapter, traversal: measuring.open(&[adapter], TraversalChoice::Auto, 1, 1)?, name, loaded };
-    measuring.sizes(place, &args.sizes)?;
-    WITHIN_MS.into_iter().try_for_each(|within_ms| measuring.largest(place, within_ms))?;
+    let sizes = measuring.sizes(place, &args.sizes);
+    let all = sizes.and_then(|()| WITHIN_MS.into_iter().try_for_each(|within_ms| measuring.largest(place, within_ms)));
+    // After a signal, print the results so far.
+    interrupt::as_none(all)?;
     measuring.progress.finish();
     let Machine { frames, largest, left_out, .. } = &measuring.machine;
     if args.json {
         say!("{}", serde_json::json!({ "shot": name, "frames": frames, "largest": largest, "left_out": left_out }));
-        return Ok(());
+        return interrupt::check();
     }
     let fits = |ms: f64, within_ms: f64| match ms / within_ms {
         factor if factor <= 1.0 => "fits".to_owned(),
@@ -99,6 +104,9 @@ pub fn shot(args: &Options, loaded: &LoadedScene) -> Result<(), Failure> {
         [vec![frame.size.clone(), format!("{ms:.1}")], in_budgets.to_vec()].concat()
     };
     let rows: Vec<_> = frames.iter().map(row).collect();
+    if rows.is_empty() {
+        return interrupt::check();
+    }
     let headers = ["size of each eye", "frame, ms", "in 11 ms", "in 20 ms"];
     say!("{}", text_table(&headers, &rows).trim_end());
     for found in largest {
@@ -109,7 +117,7 @@ pub fn shot(args: &Options, loaded: &LoadedScene) -> Result<(), Failure> {
         }
     }
     left_out.iter().for_each(|what| say!("left out: {what}"));
-    Ok(())
+    interrupt::check()
 }
 
 /// Returns the adapters that can render, GPUs first, and all adapters.
@@ -158,7 +166,7 @@ impl<'a> Measuring<'a> {
     /// Creates a renderer on the open devices. [`Self::put_back`] takes them from it.
     fn renderer(&mut self, loaded: &LoadedScene, size: Extent, quality: Quality) -> Result<Renderer, Failure> {
         let builder = Renderer::builder(loaded).size(size.width, size.height).quality(quality);
-        Ok(builder.on(std::mem::take(&mut self.devices)).build()?)
+        Ok(builder.on(std::mem::take(&mut self.devices)).stop(Arc::clone(&INTERRUPTED)).build()?)
     }
 
     fn all(&self) -> Duration {

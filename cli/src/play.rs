@@ -119,6 +119,7 @@ fn play(args: &Args) -> Result<(), Failure> {
     let stopped = run.frames()?;
     let (others_share, warning) = others.end();
     warning.iter().for_each(|warning| run.session.progress.warn(warning));
+    let writing = interrupt::writing();
     let last = if args.report { run.kept()? } else { None };
     let Run { session, motion, record, samples, pictures, .. } = run;
     motion.map_or(Ok(()), Recording::finish)?;
@@ -130,14 +131,18 @@ fn play(args: &Args) -> Result<(), Failure> {
     pictures.remove_earlier(options.quiet)?;
     session.ladder().write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
     session.tracing.finish()?;
-    drop(session.inner);
-    if let (Some(last), Some(samples)) = (&last, &samples) {
-        page::write(args, options, &mut loaded, &report, samples, last)?;
+    drop((session.inner, writing));
+    let samples = samples.filter(|samples| !samples.frames().is_empty());
+    if let Some(samples) = &samples {
+        page::write(args, options, &mut loaded, &report, samples, last.as_ref())?;
     }
-    conclude(args, options, &report, record.play.lacked_rung);
+    conclude(samples.is_some(), options, &report, record.play.lacked_rung);
     interrupt::check()?;
     stopped.map_or(Ok(()), |reason| Err(Failure::Run(anyhow::anyhow!(reason))))
 }
+
+/// Makespan from which a frame counts as slow, ms. The time to read its images back is short by comparison.
+const SLOW_MS: f64 = 200.0;
 
 /// State of a run.
 struct Run<'a> {
@@ -152,6 +157,8 @@ struct Run<'a> {
     samples: Option<FrameSamples>,
     /// Index and instant (seconds) of the newest frame.
     newest: Option<(u32, f64)>,
+    /// Images of the newest frame if it was slow: a signal may come while devices are busy with the next one.
+    slow: Option<FrameImages>,
     pictures: Pictures,
     /// Interval of the frames after the settling ones that are kept, and these frames; `None` keeps none.
     watched: Option<(usize, Vec<Kept>)>,
@@ -175,6 +182,7 @@ impl<'a> Run<'a> {
             session,
             samples: None,
             newest: None,
+            slow: None,
             watched: None,
         })
     }
@@ -188,11 +196,12 @@ impl<'a> Run<'a> {
     /// Renders the frames. Returns the reason if the run stopped because nothing fits the budget.
     fn frames(&mut self) -> Result<Option<String>, Failure> {
         let mut pace = Pace::new(self.options.fps);
-        let (mut misfit, mut stopped) = (Misfit::of_run(self.args, self.options), None);
+        let (mut misfit, mut stopped, mut is_slow) = (Misfit::of_run(self.args, self.options), None, false);
         for index in 0..self.options.frames {
             let is_last = index + 1 == self.options.frames || interrupt::is_set();
             let is_watched = self.is_watched(index);
             let is_saved = is_last
+                || is_slow
                 || is_watched
                 || misfit.may_stop_after(index)
                 || self.args.save_every.is_some_and(|k| index % k == 0);
@@ -205,7 +214,8 @@ impl<'a> Run<'a> {
             }
             let late_ms = pace.wait();
             let (rig, time_s) = (self.rig(index), self.time_s(index));
-            let (mut row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
+            let rendered = self.session.render(decided, late_ms, &rig, time_s, index);
+            let Some((mut row, frame)) = interrupt::as_none(rendered)? else { break };
             let deadline = pace.complete(self.session.tracing.recorder.origin());
             self.session.complete(&mut row, &frame, decided, Some(deadline));
             if let Some(motion) = &mut self.motion {
@@ -217,6 +227,9 @@ impl<'a> Run<'a> {
             let row = if self.options.settings.details { row.with_tasks(&frame) } else { row };
             self.record.add(&row)?;
             self.newest = Some((index, time_s));
+            is_slow = row.makespan_ms > SLOW_MS;
+            self.slow =
+                (is_slow && is_saved).then(|| FrameImages::read(&mut self.session.renderer, &[])).transpose()?;
             self.session.announce(&row, &frame);
             if self.args.save_every.is_some_and(|k| index % k == 0) {
                 self.save(Some(index))?;
@@ -252,7 +265,9 @@ impl<'a> Run<'a> {
     /// Reads the newest frame back; `None` before the first one.
     fn kept(&mut self) -> Result<Option<Kept>, Failure> {
         let Some((index, time_s)) = self.newest else { return Ok(None) };
-        Ok(Some(Kept { index, linear: self.session.renderer.read_linear()?, rig: self.rig(index), time_s }))
+        let read = self.session.renderer.read_linear().map_err(Failure::from);
+        let linear = interrupt::as_none(read)?.or_else(|| self.slow.as_ref().map(|images| images.linear.clone()));
+        Ok(linear.map(|linear| Kept { index, linear, rig: self.rig(index), time_s }))
     }
 
     /// Writes the pictures of the newest frame, if there is one.
@@ -260,14 +275,16 @@ impl<'a> Run<'a> {
         let Some((index, time_s)) = self.newest else { return Ok(()) };
         let exposure_ev = self.loaded.shot.exposure_ev;
         let tags = output::tags(&self.rig(index), exposure_ev, self.options.settings.size, time_s, index);
-        let images = FrameImages::read(&mut self.session.renderer, &[])?;
+        let images = interrupt::as_none(FrameImages::read(&mut self.session.renderer, &[]))?;
+        let Some(images) = images.as_ref().or(self.slow.as_ref()) else { return Ok(()) };
+        let _writing = interrupt::writing();
         self.pictures.add(images.write(&self.options.out, number, &[], &tags)?);
         Ok(())
     }
 }
 
 /// Prints how well frames kept the budget, and the output folder.
-fn conclude(args: &Args, options: &RenderOptions, report: &RunReport<&SpooledRows>, lacked_rung: bool) {
+fn conclude(has_page: bool, options: &RenderOptions, report: &RunReport<&SpooledRows>, lacked_rung: bool) {
     let out = options.out.display();
     if options.json {
         say!("{}", serde_json::json!({ "event": "result", "out": out.to_string(), "play": report.play }));
@@ -284,6 +301,7 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport<&SpooledRow
         }
     }
     report.rectified.iter().for_each(|rectified| say!("{rectified}"));
-    say!("{}the last picture, run.json, frames.csv and ladder.toml: {out}", and_page(args.report));
+    let picture = if report.pictures.is_empty() { "" } else { "the last picture, " };
+    say!("{}{picture}run.json, frames.csv and ladder.toml: {out}", and_page(has_page));
     options.say_trace();
 }

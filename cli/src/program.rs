@@ -9,6 +9,7 @@ use diptych::schedule::{Balance, Policy};
 use super::commands::run_from;
 use super::console::Console;
 use super::registry::register;
+use super::{interrupt, signals};
 
 /// The commands of `diptych`, with your own policies, denoisers and passes. The setting `balance` selects a registered
 /// policy by its name in every command that renders. `scale --balance even,measured,NAME` compares it with built-in
@@ -94,6 +95,10 @@ impl Program {
     /// process has run before, its passes stay in force instead of these.
     pub fn run(self) -> ExitCode {
         register(self.passes);
-        ExitCode::from(run_from(std::env::args_os(), Console::process()))
+        let status = run_from(std::env::args_os(), Console::process());
+        if signals::is_set() {
+            interrupt::end(status);
+        }
+        ExitCode::from(status)
     }
 }

@@ -58,7 +58,7 @@ pub fn serves() -> bool {
 /// Serves rank 0 until rank 0 ends. Returns the exit status that rank 0 sends.
 pub fn serve(options: Option<&RunOptions>) -> Result<u8, Failure> {
     let Some(node) = NODE.get() else { return Ok(0) };
-    interrupt::watch()?;
+    interrupt::watch_signals()?;
     match diptych::exec::ranks::serve(node, &mut Here { options, spans: None }) {
         Ok(status) => Ok(status),
         Err(lost) => {

@@ -17,7 +17,7 @@ use diptych::scene::shot::Shot;
 
 use super::failure::Failure;
 use super::interrupt::INTERRUPTED;
-use super::options::{RenderFlags, RenderOptions, RunOptions};
+use super::options::{RenderFlags, RenderOptions};
 use super::output;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
@@ -185,6 +185,9 @@ impl Plan {
     ) -> Result<Accumulated, Failure> {
         let checkpoint = self.checkpoint(loaded, frame);
         let resumed_spp = begun.samples();
+        let bar = Progress::samples(u64::from(self.spp), self.options.quiet, self.options.json);
+        bar.at(u64::from(resumed_spp.min(self.spp)), String::new(), None);
+        let mut progress = PassProgress { bar: &bar, spp: self.spp, said: None };
         let job = Job {
             rig: &loaded.shot.rig,
             time_s: self.time_s(frame),
@@ -194,8 +197,8 @@ impl Plan {
             time_limit: self.time_limit,
             checkpoint: checkpoint.as_ref(),
             stop: &INTERRUPTED,
+            progress: &|samples, fraction| bar.part_of(u64::from(samples), fraction, "reference"),
         };
-        let mut progress = PassProgress::new(&self.options, self.spp, resumed_spp);
         let (mut report, mut number, mut preview) = (None, 0, Ok(()));
         let done = accumulate(renderer, &job, begun, |pass| {
             // The trace numbers passes consecutively.
@@ -207,7 +210,7 @@ impl Plan {
                 preview = write_preview(checkpoint, pass.accumulation, &loaded.shot);
             }
         })?;
-        progress.bar.finish();
+        bar.finish();
         preview?;
         Ok(Accumulated { row: self.row(frame, resumed_spp, &done), accumulation: done.accumulation, report })
     }
@@ -271,19 +274,13 @@ fn write_preview(checkpoint: &Checkpoint, accumulation: &Accumulation, shot: &Sh
 }
 
 /// Progress over passes, with at most two JSON lines per second.
-struct PassProgress {
-    bar: Progress,
+struct PassProgress<'a> {
+    bar: &'a Progress,
     spp: u32,
     said: Option<Instant>,
 }
 
-impl PassProgress {
-    fn new(options: &RunOptions, spp: u32, resumed_spp: u32) -> Self {
-        let bar = Progress::samples(u64::from(spp), options.quiet, options.json);
-        bar.at(u64::from(resumed_spp.min(spp)), String::new(), None);
-        Self { bar, spp, said: None }
-    }
-
+impl PassProgress<'_> {
     fn pass(&mut self, samples: u32, elapsed_s: f64, left_s: f64) {
         let due = left_s == 0.0 || self.said.is_none_or(|at| at.elapsed() > Duration::from_millis(500));
         let event = due.then(|| {

@@ -1,5 +1,8 @@
 //! `diptych render`.
 
+mod conclusion;
+mod watched;
+
 use std::time::Instant;
 
 use anyhow::ensure;
@@ -27,6 +30,8 @@ use super::reference::{self, Plan};
 use super::setup::{self, Tracing};
 use super::tev::{self, Viewer};
 use super::{interrupt, metering, settings};
+use conclusion::conclude;
+use watched::takes_long;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -132,22 +137,40 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let warm_up = Instant::now();
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
+    let mut last_ms = None;
     for before in (1..=warm_up_frames).rev() {
         interrupt::check()?;
         let params = renderer.frame(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before));
-        let frame = renderer.render(&params)?;
+        let frame = match takes_long(last_ms) {
+            true => renderer.render_watched(&params, false, |fraction| progress.part(fraction, "history"))?,
+            false => renderer.render(&params)?,
+        };
+        last_ms = Some(frame.makespan_ms);
         let event = serde_json::json!({ "event": "warm_up_frame", "makespan_ms": frame.makespan_ms });
         progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
     }
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     tell(&progress, others.begin_frames());
     let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
-    let mut run =
-        Run { args, options, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures, viewer };
-    match &plan {
-        None => run.frames()?,
-        Some(plan) => run.references(plan)?,
-    }
+    let mut run = Run {
+        args,
+        options,
+        loaded: &loaded,
+        renderer,
+        tracing: &tracing,
+        progress,
+        begun: 0,
+        last_ms,
+        rows,
+        pictures,
+        viewer,
+    };
+    let ended = match &plan {
+        None => run.frames(),
+        Some(plan) => run.references(plan),
+    };
+    interrupt::as_none(ended)?;
+    let _writing = interrupt::writing();
     let (others_share, warning) = others.end();
     tell(&run.progress, warning);
     run.progress.finish();
@@ -190,17 +213,32 @@ struct Run<'a> {
     progress: Progress,
     /// Number of frames submitted to the devices.
     begun: u32,
+    /// Makespan of the last frame, ms.
+    last_ms: Option<f64>,
     rows: Rows,
     pictures: Pictures,
     viewer: Option<Viewer>,
 }
 
 impl Run<'_> {
+    /// Renders the frames, and writes the sheet of those that are complete.
     fn frames(&mut self) -> Result<(), Failure> {
+        let mut sheet = Sheet::default();
+        let ended = self.all_frames(&mut sheet);
+        if self.args.has(Also::Sheet) {
+            let _writing = interrupt::writing();
+            sheet.write(&self.options.out)?;
+            self.pictures.add([SHEET.to_owned()]);
+        }
+        ended
+    }
+
+    fn all_frames(&mut self, sheet: &mut Sheet) -> Result<(), Failure> {
         let (options, shot) = (self.options, &self.loaded.shot);
-        let (mut faults, mut sheet) = (FaultLog::default(), Sheet::default());
+        let mut faults = FaultLog::default();
         self.begin_frames()?;
-        while let Some(frame) = self.renderer.finish()? {
+        while let Some(frame) = self.next_frame()? {
+            self.last_ms = Some(frame.makespan_ms);
             let mut images = FrameImages::read(&mut self.renderer, &options.aovs)?;
             let time_s = time_s(options, frame.index);
             if self.rows.frames.is_empty() {
@@ -229,6 +267,7 @@ impl Run<'_> {
             if let Some(viewer) = &mut self.viewer {
                 images.show(viewer, &options.shot)?;
             }
+            let _writing = interrupt::writing();
             self.pictures.add(images.write(&options.out, number, &self.args.also, &tags)?);
             if self.args.has(Also::Sheet) {
                 sheet.add(&images);
@@ -239,10 +278,6 @@ impl Run<'_> {
             self.rows.frames.push(row);
             faults.say_new(&self.renderer, self.tracing, &self.progress);
             self.begin_frames()?;
-        }
-        if self.args.has(Also::Sheet) {
-            sheet.write(&options.out)?;
-            self.pictures.add([SHEET.to_owned()]);
         }
         Ok(())
     }
@@ -273,6 +308,9 @@ impl Run<'_> {
         // If several frames may be in flight, each frame downloads its own images. Otherwise, the images are read from
         // the devices when the frame is finished.
         let reads = if most > 1 { FrameImages::on_devices(&options.aovs) } else { Vec::new() };
+        if self.is_watched() {
+            return Ok(());
+        }
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
             let at_s = time_s(options, self.begun);
             let params = self.renderer.frame(&self.loaded.shot.rig, at_s, self.begun);
@@ -298,6 +336,10 @@ impl Run<'_> {
         let (options, shot) = (&plan.options, &loaded.shot);
         let begun = plan.begun(loaded, index)?;
         let done = plan.accumulate(renderer, loaded, index, begun, self.tracing)?;
+        if done.row.spp == 0 {
+            // Only a signal ends a reference before its first pass.
+            return interrupt::check();
+        }
         let mut images = FrameImages {
             linear: done.accumulation.mean(),
             display: reference::display(&done.accumulation, shot),
@@ -306,8 +348,12 @@ impl Run<'_> {
         };
         if !options.aovs.is_empty() {
             let params = renderer.frame(&shot.rig, plan.time_s(index), index);
-            images.pixel_centre = renderer.render(&params)?.pixel_centre;
-            images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
+            // After a signal, devices may be too busy to render them.
+            let rendered = interrupt::as_none(renderer.render(&params).map_err(Failure::from))?;
+            if let Some(report) = rendered {
+                images.pixel_centre = report.pixel_centre;
+                images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
+            }
             for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
                 spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
             }
@@ -323,6 +369,7 @@ impl Run<'_> {
         let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, plan.time_s(index), index);
         rows.references.push(done.row);
         let number = (options.frames > 1).then_some(index);
+        let _writing = interrupt::writing();
         self.pictures.add(images.write(&options.out, number, &args.also, &tags)?);
         Ok(())
     }
@@ -334,57 +381,4 @@ const EVS_OFF: f64 = 4.0;
 /// Returns the time of a frame on the camera path, seconds.
 fn time_s(options: &RenderOptions, frame: u32) -> f64 {
     options.settings.time + f64::from(frame) / options.fps
-}
-
-/// Prints the results and the output folder.
-fn conclude(options: &RenderOptions, report: &RunReport) {
-    let median = report.median_makespan_ms();
-    if options.json {
-        let mut result = serde_json::json!({
-            "event": "result", "out": options.out.display().to_string(),
-            "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames,
-            "median_makespan_ms": median, "devices_left": report.devices_left(),
-        });
-        if !report.references.is_empty() {
-            result["references"] = serde_json::json!(report.references);
-        }
-        say!("{result}");
-    } else if !options.quiet {
-        for reference in &report.references {
-            say!("{reference}");
-            reference.noise.iter().for_each(|noise| say!("standard error of the mean: {noise}"));
-        }
-        if let Some(rays_per_s) = report.rays_per_s() {
-            let devices = match (report.devices_left(), report.devices.len()) {
-                (left, all) if left < all => format!("{left} of {all}"),
-                (_, all) => all.to_string(),
-            };
-            let in_flight = options.settings.frames_in_flight;
-            let pace = match report.median_interval_ms(in_flight).filter(|_| in_flight > 1) {
-                Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
-                None => String::new(),
-            };
-            let n = report.warm_up_frames;
-            let history = if n > 0 { format!(" with {n} frame(s) of history") } else { String::new() };
-            say!(
-                "warm-up {:.1} s{history}; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, \
-                 {:.2} Mrays/s",
-                report.warm_up_s,
-                report.frames.len(),
-                report.scene.name,
-                rays_per_s * 1e-6,
-            );
-        }
-        let between: Vec<u64> = report.frames.iter().filter_map(|frame| frame.bytes_between_ranks).collect();
-        if !between.is_empty() {
-            let mean = between.iter().sum::<u64>() as f64 / between.len() as f64;
-            say!("rows between ranks: {:.1} kB a frame", mean * 1e-3);
-        }
-        if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
-            say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
-        }
-        report.rectified.iter().for_each(|rectified| say!("{rectified}"));
-        say!("pictures, run.json and frames.csv: {}", options.out.display());
-        options.say_trace();
-    }
 }

@@ -97,6 +97,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     others.begin_frames().iter().for_each(|warning| progress.warn(warning));
     let times = measuring.measure(&mut subjects)?;
     found.others_share = others.end().0;
+    let writing = interrupt::writing();
     progress.finish();
     let quiet = Quiet::of(&shares(&times));
     quiet.warning.iter().for_each(|warning| log!("warning: {warning}"));
@@ -104,6 +105,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     found.rows.iter().filter_map(ScaleRow::warning).for_each(|warning| log!("warning: {warning}"));
     let figure = found.write_rows(options)?;
     tracing.finish()?;
+    drop(writing);
     let mut files = "scale.csv, scale.svg, frames.csv and run.json";
     if args.simulation.is_wanted() && !interrupt::is_set() {
         files = "scale.csv, scale.svg, simulate.csv, frames.csv and run.json";
@@ -113,6 +115,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         simulation_csv(&found.simulated).write(&options.out.join("simulate.csv"))?;
         deviations(&found.simulated).1.iter().for_each(|warning| log!("warning: {warning}"));
     }
+    let _writing = interrupt::writing();
     found.write_run(options, &loaded)?;
     if args.report {
         found.write_page(options, &loaded, figure)?;

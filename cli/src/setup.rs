@@ -1,7 +1,7 @@
 //! Builds a renderer from options: scene, BVH, devices and policy.
 
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
@@ -24,6 +24,7 @@ use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
+use super::interrupt::INTERRUPTED;
 use super::options::{RenderOptions, RunOptions};
 use super::registry::registered;
 use super::scene_loading::{budget, load_from, tree_cache};
@@ -183,7 +184,7 @@ pub fn renderer_with(
     let policy = policy(config.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
     let builder = Renderer::builder(loaded).config(config).policy(|_, _| policy);
-    let mut renderer = builder.on(gpus).origin(origin).build()?;
+    let mut renderer = builder.on(gpus).origin(origin).stop(Arc::clone(&INTERRUPTED)).build()?;
     renderer.set_injected_faults(injected);
     if let Some(ms) = options.settings.watchdog_ms {
         renderer.set_watchdog(Duration::from_millis(ms.into()));

@@ -32,14 +32,19 @@ pub fn write(args: &Args) -> Result<(), Failure> {
         if interrupt::is_set() {
             break;
         }
-        let (picture, caption) = show(args, file, &mut gpus, &progress).unwrap_or_else(|failure| {
-            failed += 1;
-            progress.warn(&format!("{file}: {}", failure.line()));
-            (DisplayImage::filled(args.size, [0; 3]), vec![name_of(file), "cannot be shown".to_owned()])
-        });
+        let (picture, caption) = match show(args, file, &mut gpus, &progress) {
+            Err(Failure::Interrupted) => break,
+            Err(failure) => {
+                failed += 1;
+                progress.warn(&format!("{file}: {}", failure.line()));
+                (DisplayImage::filled(args.size, [0; 3]), vec![name_of(file), "cannot be shown".to_owned()])
+            }
+            Ok(shown) => shown,
+        };
         shown.push(with_caption(&picture, &caption));
         progress.step(name_of(file), &serde_json::Value::Null);
     }
+    let _writing = interrupt::writing();
     progress.finish();
     if shown.is_empty() {
         return interrupt::check();
@@ -81,7 +86,9 @@ fn show(
     let devices = metering::meter(&options, &mut loaded, devices, progress)?;
     let mut renderer = setup::renderer(&options, &loaded, devices, Instant::now())?;
     for index in 0..FRAMES {
-        renderer.render(&renderer.frame(&loaded.shot.rig, options.settings.time, index))?;
+        let params = renderer.frame(&loaded.shot.rig, options.settings.time, index);
+        let part = |fraction| progress.part((f64::from(index) + fraction) / f64::from(FRAMES), &name_of(file));
+        renderer.render_watched(&params, false, part)?;
     }
     let picture = FrameImages::read(&mut renderer, &[])?.display.left;
     *gpus = Some(renderer.into_devices());

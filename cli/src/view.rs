@@ -66,6 +66,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let start = Start { prepared, loaded, gpus, tracing, progress };
     let mut app = App::new(look, start, shared, events.create_proxy());
     events.run_app(&mut app).context("the windowing system failed")?;
+    let _writing = interrupt::writing();
     let screenshot = app.end(args.screenshot.is_some())?;
     if let (Some(path), Some(picture)) = (&args.screenshot, screenshot) {
         diptych::image::display::write_png(path, &picture)?;

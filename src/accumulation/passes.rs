@@ -19,7 +19,7 @@ pub enum AccumulateError {
 }
 
 /// View, samples and limits of an accumulation.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub struct Job<'a> {
     pub rig: &'a Rig,
     pub time_s: f64,
@@ -33,8 +33,11 @@ pub struct Job<'a> {
     /// Time limit. No pass starts that would probably exceed it, except the first.
     pub time_limit: Option<Duration>,
     pub checkpoint: Option<&'a Checkpoint>,
-    /// Stop flag. No further pass starts once it is set.
+    /// Stop flag. No further pass starts once it is set. If the renderer has the same flag, see
+    /// [`Builder::stop`](crate::exec::Builder::stop), a pass that takes long is abandoned.
     pub stop: &'a AtomicBool,
+    /// Called repeatedly during a pass, with its number of samples and the fraction of its work that is done.
+    pub progress: &'a dyn Fn(u32, f64),
 }
 
 /// A completed pass.
@@ -73,13 +76,18 @@ pub fn accumulate(
 ) -> Result<Done, AccumulateError> {
     let begin = Instant::now();
     let limit_s = job.time_limit.map_or(f64::INFINITY, |l| l.as_secs_f64());
-    let (mut saved, mut passes) = (begin, 0);
+    let (mut saved, mut unsaved, mut passes) = (begin, false, 0);
     let (mut out_of_time, mut is_stopped) = (false, false);
     while accumulation.samples() < job.spp && !out_of_time && !is_stopped {
         let pass_begin = Instant::now();
         let first = accumulation.samples();
         let count = job.pass_spp.min(job.spp - first);
-        let report = renderer.render_samples(&renderer.frame(job.rig, job.time_s, job.frame), first..first + count)?;
+        let params = renderer.frame(job.rig, job.time_s, job.frame);
+        let progress = |fraction| (job.progress)(count, fraction);
+        let report = match renderer.render_samples_watched(&params, first..first + count, progress) {
+            Err(ExecError::Stopped) => break,
+            report => report?,
+        };
         let dropped = report.tallies.iter().map(|t| t.nonfinite).sum();
         accumulation.add(first / job.pass_spp, &renderer.read_linear()?, count, dropped);
         passes += 1;
@@ -93,10 +101,14 @@ pub fn accumulate(
             checkpoint.save(&accumulation)?;
             saved = Instant::now();
         }
+        unsaved = save.is_none() && count == job.pass_spp;
         let pass_s = elapsed_s / f64::from(passes);
         let left_s = (f64::from(missing) / f64::from(job.pass_spp) * pass_s).min((limit_s - elapsed_s).max(0.0));
         let left_s = if out_of_time { 0.0 } else { left_s };
         on_pass(Pass { accumulation: &accumulation, report, elapsed_s, left_s, saved: save.is_some() });
+    }
+    if let Some(checkpoint) = job.checkpoint.filter(|_| unsaved) {
+        checkpoint.save(&accumulation)?;
     }
     Ok(Done { accumulation, passes, elapsed_s: begin.elapsed().as_secs_f64(), out_of_time })
 }

@@ -1,9 +1,11 @@
 //! The builder of renderers.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use super::ranks::Devices;
+use super::stopping::StopFlag;
 use super::{ExecError, Renderer};
 use crate::device::{self, DeviceError, Selection};
 use crate::frame::RunConfig;
@@ -41,6 +43,7 @@ pub struct Builder<'a> {
     devices: Option<Devices>,
     policy: Box<NewPolicy<'a>>,
     origin: Instant,
+    stop: StopFlag,
 }
 
 impl Renderer {
@@ -68,6 +71,7 @@ impl Renderer {
             devices: None,
             policy: Box::new(|rows: u32, devices: usize| -> Box<dyn Policy> { Box::new(Measured::new(rows, devices)) }),
             origin: Instant::now(),
+            stop: StopFlag::default(),
         }
     }
 }
@@ -143,18 +147,26 @@ impl<'a> Builder<'a> {
         self
     }
 
+    /// Ends the renderer's work early once `flag` is set: [`Self::build`] and waits for frames then return
+    /// [`ExecError::Stopped`], and the renderer can render no more. Frames that end within 250 ms are still completed.
+    /// Devices stay busy with what was submitted, and nothing waits for them.
+    pub fn stop(mut self, flag: Arc<AtomicBool>) -> Self {
+        self.stop = flag.into();
+        self
+    }
+
     /// Opens the devices, unless they are already open, and compiles all pipelines.
     ///
     /// # Errors
     /// [`BuildError`] if the rectified image would be too large, the devices cannot be opened, or the renderer cannot
     /// be created.
     pub fn build(self) -> Result<Renderer, BuildError> {
-        let Self { scene, extent, envelope, config, changes, selection, devices, policy, origin } = self;
+        let Self { scene, extent, envelope, config, changes, selection, devices, policy, origin, stop } = self;
         let config = config.map_or_else(|| RunConfig::for_envelope(scene, extent, envelope), Ok);
         let mut config = config.map_err(BuildError::Optics)?;
         changes.into_iter().for_each(|change| change(&mut config));
         let devices = devices.map_or_else(|| device::open(&selection).map(Devices::from), Ok)?;
         let policy = policy(config.grid().height, devices.len());
-        Ok(Renderer::new(devices, Arc::clone(&scene.tables), config, policy, origin)?)
+        Ok(Renderer::start(devices, Arc::clone(&scene.tables), config, policy, origin, stop)?)
     }
 }

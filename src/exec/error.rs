@@ -22,6 +22,9 @@ pub enum ExecError {
     Implausible { frame: u32, what: String },
     #[error("the devices did not finish, although none of them reported a failure")]
     Stuck,
+    /// The flag of [`super::Builder::stop`] was set.
+    #[error("stopped before the devices were done")]
+    Stopped,
     #[error(transparent)]
     Stage(#[from] StageError),
     #[error(transparent)]

@@ -9,6 +9,7 @@ use super::messages::{Answer, FrameJob, Pixels, Stop, TaskTime, Work};
 use super::output::Output;
 use super::plan::Plan;
 use super::plausibility::check;
+use super::stopping::StopFlag;
 use super::watchdog::Limits;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally, TaskTiming};
@@ -86,10 +87,13 @@ pub struct Frames {
     /// The last complete frame.
     pub whole: Option<CompleteFrame>,
     origin: Instant,
+    pub stop: StopFlag,
+    /// True once `stop` has ended a wait: devices may be busy for a long time.
+    is_stopped: bool,
 }
 
 impl Frames {
-    pub fn new(workers: WorkerPool, capacity: usize, origin: Instant) -> Self {
+    pub fn new(workers: WorkerPool, capacity: usize, origin: Instant, stop: StopFlag) -> Self {
         Self {
             workers,
             limits: Limits::default(),
@@ -99,6 +103,8 @@ impl Frames {
             capacity,
             whole: None,
             origin,
+            stop,
+            is_stopped: false,
         }
     }
 
@@ -156,7 +162,8 @@ impl Frames {
             let (reads, update) = (reads.to_vec(), inputs.update.clone());
             let (splits, plan) = (splits(device), plan.clone());
             let late = inputs.late.clone().filter(|_| device == plan.assignment.primary());
-            let job = FrameJob { plan, constants, previous, update, place, reads, splits, late, runs, injected };
+            let watch = inputs.watch.clone();
+            let job = FrameJob { plan, constants, previous, update, place, reads, splits, late, runs, injected, watch };
             orders.push((device, Work::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);
@@ -190,14 +197,21 @@ impl Frames {
         self.limits.limit(inputs.samples() * self.capacity as u64)
     }
 
-    /// Waits for the oldest frame in flight; returns `None` if there is none.
+    /// Waits for the oldest frame in flight; returns `None` if there is none. Calls `progress` repeatedly with the
+    /// fraction of its work that is done, if the frame is watched.
     ///
     /// # Errors
-    /// [`ExecError::Stuck`] if workers abandoned the frame although no device failed, [`ExecError::Implausible`] if its
-    /// counts or times are impossible, [`ExecError::Rank`] if a rank is lost.
-    pub fn finish(&mut self) -> Result<Option<Finished>, ExecError> {
+    /// [`ExecError::Stuck`] if workers abandoned the frame although no device failed, [`ExecError::Stopped`] if the stop
+    /// flag ended the wait, [`ExecError::Implausible`] if its counts or times are impossible, [`ExecError::Rank`] if a
+    /// rank is lost.
+    pub fn finish(&mut self, progress: &mut dyn FnMut(f64)) -> Result<Option<Finished>, ExecError> {
         let Some(mut frame) = self.in_flight.pop_front() else { return Ok(None) };
-        let collected = self.collect(&mut frame);
+        let collected = if self.is_stopped { None } else { self.collect(&mut frame, progress) };
+        let Some(collected) = collected else {
+            self.is_stopped = true;
+            self.in_flight.clear();
+            return Err(ExecError::Stopped);
+        };
         if let Some(lost) = self.workers.lost() {
             return Err(lost.into());
         }
@@ -210,7 +224,8 @@ impl Frames {
         self.complete(frame, collected).map(Some)
     }
 
-    fn collect(&mut self, frame: &mut InFlight) -> Collected {
+    /// Collects the answers to a frame's orders; `None` if the stop flag ended the wait.
+    fn collect(&mut self, frame: &mut InFlight, progress: &mut dyn FnMut(f64)) -> Option<Collected> {
         let primary = frame.report.assignment.primary();
         let mut all = Collected {
             failures: BTreeMap::new(),
@@ -220,10 +235,17 @@ impl Frames {
             images: HashMap::new(),
             buffers: HashMap::new(),
         };
-        for (device, answer) in self.workers.answers(frame.ticket, frame.limit) {
+        let (watch, devices, mut waits) = (frame.inputs.watch.clone(), self.workers.left(), self.stop.begin_wait());
+        let goes_on = || {
+            let Some(watch) = &watch else { return waits() };
+            progress(watch.fraction(&devices));
+            if watch.ends_with_picture() { !watch.is_hopeless() } else { waits() }
+        };
+        for (device, answer) in self.workers.answers_while(frame.ticket, frame.limit, goes_on)? {
             match answer {
                 Ok(Answer::Frame(reply)) => {
                     all.begin_ms = reply.begin_ms.min(all.begin_ms);
+                    frame.report.spp_done = frame.report.spp_done.into_iter().chain(reply.spp_done).min();
                     if device == primary {
                         all.end_ms = reply.end_ms;
                         frame.report.shown_from = reply.shown_from.map(|pose| *pose);
@@ -242,7 +264,7 @@ impl Frames {
                 Err(Stop::Aborted) => all.is_whole = false,
             }
         }
-        all
+        Some(all)
     }
 
     /// Cancels the frames that were begun after the one in which these devices failed.
@@ -336,8 +358,12 @@ impl Frames {
     /// Reads an image of the last complete frame from its primary. The inner error is the primary's failure.
     ///
     /// # Errors
-    /// Those of [`Self::complete_with`], and [`ExecError::Stuck`] if the worker did not answer with an image.
+    /// Those of [`Self::complete_with`], [`ExecError::Stuck`] if the worker did not answer with an image, and
+    /// [`ExecError::Stopped`] if the stop flag has ended a wait.
     pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
+        if self.is_stopped {
+            return Err(ExecError::Stopped);
+        }
         let whole = self.complete_with(&image)?;
         let CompleteFrame { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::late_latching::Late;
 use super::output::Output;
+use super::watch::Watch;
 use crate::accel::Moved;
 use crate::layout;
 use crate::quality::Quality;
@@ -32,6 +33,8 @@ pub struct Inputs {
     pub outputs: Option<Arc<[Output]>>,
     /// Source of the late-latched pose; `None` uses the pose in the constants.
     pub late: Option<Late>,
+    /// `None` if nothing watches the frame.
+    pub watch: Option<Arc<Watch>>,
 }
 
 impl Inputs {

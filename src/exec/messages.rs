@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::ops::Deref;
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -11,6 +12,7 @@ use super::late_latching::{Late, SampledPose};
 use super::output::Output;
 use super::plan::Plan;
 use super::staging::Mapped;
+use super::watch::Watch;
 use super::wire;
 use crate::device::DeviceFailure;
 use crate::layout;
@@ -65,6 +67,9 @@ pub struct FrameJob {
     pub runs: u32,
     /// Fault to inject after half of the device's tasks.
     pub injected: Option<InjectedKind>,
+    /// `None` if nothing watches the frame. It is not sent to other ranks.
+    #[serde(skip)]
+    pub watch: Option<Arc<Watch>>,
 }
 
 /// Answer of a worker to an order.
@@ -111,6 +116,8 @@ pub struct FrameReply {
     /// Buffers of each output of the frame; only from the primary, if it is on rank 0.
     #[serde(skip)]
     pub buffers: Vec<(Output, [wgpu::Buffer; 2])>,
+    /// Samples of each path-traced pixel, without those of hole filling, if the frame has ended early.
+    pub spp_done: Option<u32>,
 }
 
 /// Execution time of a task.
@@ -228,6 +235,7 @@ pub(super) mod tests {
             late: None,
             runs: 2,
             injected: Some(InjectedKind::Hang),
+            watch: None,
         }
     }
 
@@ -252,8 +260,8 @@ pub(super) mod tests {
         let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
         let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
         let (shown_from, buffers) = (None, Vec::new());
-        let done =
-            FrameReply { times, clock_residual_us: 0.2, begin_ms: -0.0, end_ms: 0.7, images, shown_from, buffers };
+        let (clock_residual_us, begin_ms, end_ms, spp_done) = (0.2, -0.0, 0.7, Some(12));
+        let done = FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers, spp_done };
         let done = [Answer::Frame(done), Answer::Pixels([vec![1, 2], vec![3, 4]])];
         let kinds = [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error];
         let failure = |kind| Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() });

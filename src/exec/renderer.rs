@@ -4,16 +4,18 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::frames::{Attempt, CompleteFrame, Finished, Frames, InFlight};
+use super::frames::{Attempt, Finished, Frames};
 use super::inputs::Inputs;
 use super::late_latching::PoseSource;
 use super::output::Output;
 use super::plan::{History, Plan};
 use super::planner::{Graphs, Planner};
 use super::ranks::Devices;
+use super::stopping::StopFlag;
+use super::watch::{WATCHED_DISPATCH_MS, Watch};
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs};
-use crate::device::{DeviceFailure, DeviceInfo, Traversal};
+use crate::device::{DeviceInfo, Traversal};
 use crate::frame::RunConfig;
 use crate::frame::constants::constants;
 use crate::frame::search_range::history_rows;
@@ -22,7 +24,7 @@ use crate::image::Extent;
 use crate::layout;
 use crate::samples::PixelSamples;
 use crate::scene::rig::Rig;
-use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, Splits, simulate, splits, task_ms};
+use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, simulate, splits, task_ms};
 use crate::stages::{Place, StageError};
 use crate::tables::SceneTables;
 
@@ -53,17 +55,27 @@ impl Renderer {
     ///
     /// # Errors
     /// [`ExecError`] if a setting is invalid, devices have different traversals, a device fails at once, has too little
-    /// memory or cannot
-    /// compile a stage, a thread cannot be started, or another rank cannot take part.
+    /// memory or cannot compile a stage, a thread cannot be started, or another rank cannot take part.
     pub fn new(
         devices: impl Into<Devices>,
+        tables: Arc<SceneTables>,
+        config: RunConfig,
+        policy: Box<dyn Policy>,
+        origin: Instant,
+    ) -> Result<Self, ExecError> {
+        Self::start(devices.into(), tables, config, policy, origin, StopFlag::default())
+    }
+
+    /// Does what [`Self::new`] does, unless `stop` ends it.
+    pub(super) fn start(
+        devices: Devices,
         tables: Arc<SceneTables>,
         mut config: RunConfig,
         policy: Box<dyn Policy>,
         origin: Instant,
+        stop: StopFlag,
     ) -> Result<Self, ExecError> {
         config.check()?;
-        let devices: Devices = devices.into();
         let infos = devices.infos();
         if infos.iter().any(|info| info.traversal != infos[0].traversal) {
             return Err(ExecError::MixedTraversal);
@@ -79,7 +91,7 @@ impl Renderer {
         let planner = Planner::new(policy, &config, devices.len(), Arc::clone(&graphs));
         let bounds_ms = devices.max_dispatch_ms().into_iter();
         let max_dispatch_ms = bounds_ms.map(|bound_ms| config.execution.max_dispatch_ms.or(bound_ms)).collect();
-        let (workers, devices) = WorkerPool::start(devices, &config, &tables, &graphs, origin)?;
+        let (workers, devices) = WorkerPool::start(devices, &config, &tables, &graphs, origin, &stop)?;
         Ok(Self {
             config,
             tables,
@@ -88,7 +100,7 @@ impl Renderer {
             costs,
             planner,
             planned: None,
-            frames: Frames::new(workers, frames_in_flight, origin),
+            frames: Frames::new(workers, frames_in_flight, origin, stop),
             last: None,
             outputs: None,
             pose_source: None,
@@ -187,7 +199,7 @@ impl Renderer {
     /// Those of [`Self::check`] and [`Self::finish`].
     pub fn render(&mut self, params: &FrameParams) -> Result<FrameReport, ExecError> {
         self.begin(params, &[])?;
-        self.finish_last()
+        self.finish_last(&mut |_| {})
     }
 
     /// Renders a frame like [`Self::render`], but each pixel has its own sample sequence, of which the frame takes the
@@ -197,8 +209,8 @@ impl Renderer {
     /// # Errors
     /// Those of [`Self::finish`].
     pub fn render_samples(&mut self, params: &FrameParams, samples: Range<u32>) -> Result<FrameReport, ExecError> {
-        self.begin_with(params, PixelSamples::own(samples, self.config.envelope.centres_one()), &[])?;
-        self.finish_last()
+        self.begin_with(params, PixelSamples::own(samples, self.config.envelope.centres_one()), &[], None)?;
+        self.finish_last(&mut |_| {})
     }
 
     /// Begins a frame like [`Self::render`], but does not wait for it; [`Self::finish`] waits for frames in the order
@@ -211,10 +223,16 @@ impl Renderer {
     pub fn begin(&mut self, params: &FrameParams, reads: &[Resource]) -> Result<(), ExecError> {
         self.check(params)?;
         let centres_one = self.config.envelope.centres_one();
-        self.begin_with(params, params.quality.spp.shared(self.config.grid(), centres_one), reads)
+        self.begin_with(params, params.quality.spp.shared(self.config.grid(), centres_one), reads, None)
     }
 
-    fn begin_with(&mut self, params: &FrameParams, samples: PixelSamples, reads: &[Resource]) -> Result<(), ExecError> {
+    pub(super) fn begin_with(
+        &mut self,
+        params: &FrameParams,
+        samples: PixelSamples,
+        reads: &[Resource],
+        watch: Option<Arc<Watch>>,
+    ) -> Result<(), ExecError> {
         let FrameParams { time_s, quality, ref relative_cost, .. } = *params;
         let mut constants = constants(&self.config, params, &self.tables, samples);
         if self.frames.is_full() {
@@ -229,14 +247,15 @@ impl Renderer {
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
         let late = self.late(params);
         self.last = Some(((&constants).into(), time_s));
-        let inputs = Inputs { constants, quality, relative_cost, previous, update, moved, place, reads, outputs, late };
+        let inputs =
+            Inputs { constants, quality, relative_cost, previous, update, moved, place, reads, outputs, late, watch };
         self.dispatch_frame(inputs, None);
         Ok(())
     }
 
-    fn finish_last(&mut self) -> Result<FrameReport, ExecError> {
+    pub(super) fn finish_last(&mut self, progress: &mut dyn FnMut(f64)) -> Result<FrameReport, ExecError> {
         let mut report = None;
-        while let Some(finished) = self.finish()? {
+        while let Some(finished) = self.finish_with(progress)? {
             report = Some(finished);
         }
         report.ok_or(ExecError::NoFrame)
@@ -252,11 +271,15 @@ impl Renderer {
     ///
     /// # Errors
     /// [`ExecError::NoneLeft`] if the last device failed, [`ExecError::Stuck`] if devices waited for one another until
-    /// they gave up, [`ExecError::Rank`] if a rank is lost.
+    /// they gave up, [`ExecError::Stopped`] if [`super::Builder::stop`] says so, [`ExecError::Rank`] if a rank is lost.
     pub fn finish(&mut self) -> Result<Option<FrameReport>, ExecError> {
+        self.finish_with(&mut |_| {})
+    }
+
+    fn finish_with(&mut self, progress: &mut dyn FnMut(f64)) -> Result<Option<FrameReport>, ExecError> {
         while let Some(index) = self.frames.oldest() {
             let _span = tracing::info_span!("finish frame", frame = index).entered();
-            match self.frames.finish()? {
+            match self.frames.finish(progress)? {
                 Some(Finished::Complete(report, attempt)) => {
                     self.learn(&report, attempt);
                     return Ok(Some(*report));
@@ -284,38 +307,9 @@ impl Renderer {
         self.costs.learn(&FrameCosts { relative_cost, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
     }
 
-    fn drop_device(
-        &mut self,
-        frame: u32,
-        failures: impl IntoIterator<Item = (usize, DeviceFailure)>,
-    ) -> Result<(), ExecError> {
-        let planner = &mut self.planner;
-        self.frames.drop_device(frame, failures.into_iter().collect(), |place| planner.remove_device(place))
-    }
-
-    /// Begins all frames again that were in flight when devices failed, oldest first. The oldest continues its series
-    /// of attempts, so that the faults are attributed to it. The others start with a first attempt.
-    fn restart(&mut self, frames: Vec<InFlight>) {
-        for (i, InFlight { inputs, attempt, .. }) in frames.into_iter().enumerate() {
-            self.dispatch_frame(inputs, (i == 0).then_some(Attempt { number: attempt.number + 1, ..attempt }));
-        }
-    }
-
-    /// Renders the last complete frame again on the other devices, since the device with its images failed in a read
-    /// that began at `begin_ms`.
-    pub(super) fn render_again(&mut self, failure: DeviceFailure, begin_ms: f64) -> Result<(), ExecError> {
-        let Some(CompleteFrame { inputs, primary, .. }) = self.frames.whole.take() else {
-            return Err(ExecError::NoFrame);
-        };
-        let attempt = Attempt { number: 2, ..self.frames.first_attempt(begin_ms) };
-        self.drop_device(inputs.constants.sampling.index, [(primary, failure)])?;
-        self.dispatch_frame(inputs, Some(attempt));
-        self.finish_last().map(drop)
-    }
-
     /// Plans a frame and sends every device its part. `again` describes the new attempt if the frame was begun before,
     /// and is `None` for its first attempt.
-    fn dispatch_frame(&mut self, mut inputs: Inputs, again: Option<Attempt>) {
+    pub(super) fn dispatch_frame(&mut self, mut inputs: Inputs, again: Option<Attempt>) {
         let index = inputs.constants.sampling.index;
         let _span = tracing::info_span!("begin frame", frame = index).entered();
         let now_ms = self.frames.now_ms();
@@ -366,11 +360,13 @@ impl Renderer {
             program: Arc::clone(&graph.program),
             pixel_centre: inputs.constants.camera.centre.to_array(),
             shown_from: None,
+            spp_done: None,
         };
-        let samples = inputs.constants.sampling.samples;
+        let (samples, is_watched) = (inputs.constants.sampling.samples, inputs.watch.is_some());
         let splits = |device: usize| {
-            let bound_ms = self.max_dispatch_ms[device];
-            bound_ms.map_or_else(Splits::default, |ms| splits(&graph, &self.costs, device, ms, samples))
+            let bound_ms = self.max_dispatch_ms[device].or(is_watched.then_some(WATCHED_DISPATCH_MS));
+            let bounded = bound_ms.map(|ms| splits(&graph, &self.costs, device, ms, samples)).unwrap_or_default();
+            if is_watched { bounded.probing_all(&graph, device) } else { bounded }
         };
         self.frames.dispatch_frame(inputs, (&plan, Arc::clone(&graph)), splits, report, attempt);
         // The prediction runs while the devices are busy.

@@ -10,6 +10,7 @@ use super::ledger::Ledger;
 use super::messages::{Answer, Order, Stop, Work};
 use super::planner::Graphs;
 use super::ranks::{Devices, Others, RankError};
+use super::stopping::{CHECK_INTERVAL, StopFlag};
 use super::watchdog::Watchdog;
 use super::worker::Worker;
 use super::worker::device::WorkerDevice;
@@ -34,6 +35,7 @@ struct Member {
     /// `None` if the worker is on another rank.
     thread: Option<JoinHandle<Option<GpuDevice>>>,
     is_left: bool,
+    /// True if nothing waits for the worker any more.
     is_hung: bool,
 }
 
@@ -43,21 +45,27 @@ impl WorkerPool {
     ///
     /// # Errors
     /// [`ExecError`] if a device fails during warm-up, has too little memory or cannot compile a stage, a thread cannot
-    /// be started, or another rank cannot take part.
+    /// be started, `stop` is set, or another rank cannot take part.
     pub fn start(
         devices: Devices,
         config: &RunConfig,
-        tables: &SceneTables,
+        tables: &Arc<SceneTables>,
         graphs: &Arc<Graphs>,
         origin: Instant,
+        stop: &StopFlag,
     ) -> Result<(Self, Vec<DeviceInfo>), ExecError> {
         let programs = graphs.programs();
         let (gpus, mut others) = devices.split();
         let count = others.as_ref().map_or(gpus.len(), Others::devices);
         let asked = others.as_ref().map(|others| others.start(config, tables));
-        let gpus = gpus.into_iter().map(|gpu| WorkerDevice::new(gpu, config, tables, &programs, origin));
-        let mut gpus = gpus.collect::<Result<Vec<_>, _>>()?;
-        gpus.iter_mut().try_for_each(WorkerDevice::calibrate)?;
+        let (own_config, own_tables) = (config.clone(), Arc::clone(tables));
+        let begun = stop.unless_set("start devices", move || {
+            let gpus = gpus.into_iter().map(|gpu| WorkerDevice::new(gpu, &own_config, &own_tables, &programs, origin));
+            let mut gpus = gpus.collect::<Result<Vec<_>, _>>()?;
+            gpus.iter_mut().try_for_each(WorkerDevice::calibrate)?;
+            Ok::<_, ExecError>(gpus)
+        })?;
+        let gpus = begun.ok_or(ExecError::Stopped)??;
         let mut infos: Vec<DeviceInfo> = gpus.iter().map(|device| device.gpu.info.clone()).collect();
         let (channels, mut ends) = channels(count);
         if let Some((others, asked)) = others.as_mut().zip(asked) {
@@ -116,12 +124,27 @@ impl WorkerPool {
     /// longer than `limit`, the pool records a failure as its answer and tells the other workers to stop waiting for its
     /// rows.
     pub fn answers(&mut self, ticket: u64, limit: Duration) -> Vec<(usize, Result<Answer, Stop>)> {
+        self.answers_while(ticket, limit, || true).unwrap_or_default()
+    }
+
+    /// Waits like [`Self::answers`], but returns `None` once `goes_on`, which is called repeatedly, returns false. The
+    /// missing answers then never come, and nothing waits for these workers any more.
+    pub fn answers_while(
+        &mut self,
+        ticket: u64,
+        limit: Duration,
+        mut goes_on: impl FnMut() -> bool,
+    ) -> Option<Vec<(usize, Result<Answer, Stop>)>> {
         let mut watchdog = Watchdog::new(limit, &self.channels.signs());
         loop {
             if let Some(answers) = self.ledger.take(ticket) {
-                return answers;
+                return Some(answers);
             }
-            match self.channels.reply(watchdog.until_look()) {
+            if !goes_on() {
+                self.ledger.awaited(ticket).iter().for_each(|&device| self.members[device].is_hung = true);
+                return None;
+            }
+            match self.channels.reply(watchdog.until_look().min(CHECK_INTERVAL)) {
                 Some(reply) => self.ledger.answer(reply.ticket, reply.device, reply.answer),
                 None => {
                     for device in self.ledger.awaited(ticket).to_vec() {

@@ -6,7 +6,7 @@ use super::commands::{Command, Commands, EyeImage, InjectedKind, Launched, Outgo
 use super::workgroups::groups;
 use crate::graph::{Access, FrameGraph, Linked, Program, SceneUse, Task, TaskKind, Use};
 use crate::passes::LATE_PARTITION;
-use crate::samples::PixelSamples;
+use crate::samples::{PixelSamples, Run};
 use crate::schedule::{Position, Splits, parts, rows_in};
 use crate::wgsl::Words;
 
@@ -249,6 +249,56 @@ impl<'a> Work<'a> {
             commands.extend(builds.then_some(Command::Build { pass, ends: end }));
         }
         commands
+    }
+}
+
+/// Work that ends before it has all samples.
+pub struct Ended {
+    /// Commands that complete the work.
+    pub commands: Vec<Command>,
+    /// Samples of the pixel that has the fewest.
+    pub least: u32,
+}
+
+impl Work<'_> {
+    /// Ends the work early, after the part before `at`. Pixels without samples take one, and runs that take none turn
+    /// the means of the others into results. The frame's number of samples per pixel must be set to 1 before, so that
+    /// any number of samples is enough.
+    pub fn end_early(&self, at: Position, share: &Share<'_>, pair: Option<u32>) -> Ended {
+        let launches = &self.linked().pass.launches;
+        let one = PixelSamples { least: 1, ..share.samples };
+        let needed: Vec<Run> = one.runs(launches).collect();
+        let number = at.run as usize;
+        let launch = |part: Range<Position>, samples| {
+            launched(self.program, self.pass, self.rows, self.valid, &part, samples, share.device)
+        };
+        let mut runs = Vec::new();
+        if number < needed.len() {
+            runs.extend(launch(at..Position::END, one));
+        }
+        let mut least = 1;
+        if let Some(run) = share.samples.runs(launches).nth(number).filter(|run| needed.get(number) != Some(run)) {
+            let Words([begin, end, third]) = run.args;
+            let to = |row| Position { run: at.run, row };
+            let mut complete = |rows: Range<Position>, samples: u32| {
+                let all = launch(rows, share.samples).into_iter();
+                runs.extend(all.map(|mut run| {
+                    run.constants.args = Words([samples, samples, third]);
+                    run
+                }));
+            };
+            complete(to(self.rows.start)..at, end);
+            if number >= needed.len() {
+                complete(at..to(self.rows.end), begin);
+                least = begin;
+            }
+        }
+        let begins = at == Position::start(self.rows);
+        let cleared = self.images(|used| used.is_cleared && begins).into_iter();
+        let mut commands: Vec<Command> = cleared.map(|(_, image)| Command::Clear(image)).collect();
+        let (begins, ends) = (pair.filter(|_| begins), pair.map(|pair| pair + 1));
+        commands.push(Command::Dispatch { pass: self.pass, launches: runs, begins, ends });
+        Ended { commands, least }
     }
 }
 

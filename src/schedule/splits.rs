@@ -7,7 +7,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::cost::CostModel;
-use crate::graph::{Dispatch, FrameGraph, Pass, Program, SceneUse, TaskKind};
+use crate::graph::{Dispatch, FrameGraph, Pass, Program, SceneUse, Task, TaskKind};
 use crate::samples::PixelSamples;
 
 /// Position in a task, which runs its kernel one or more times: right before row `row` of the run with the index `run`.
@@ -60,6 +60,17 @@ pub struct Splits {
     pub probes: Vec<usize>,
     /// Bound of the time of a submission, in milliseconds.
     pub bound_ms: f64,
+}
+
+impl Splits {
+    /// Leaves it to the device to divide all its tasks that read the scene.
+    pub fn probing_all(mut self, graph: &FrameGraph, device: usize) -> Self {
+        let reads_scene = |task: &Task| graph.pass(task).is_some_and(|pass| pass.pass.kernel.scene == SceneUse::Read);
+        let own = graph.parts_of(device).0.iter().enumerate();
+        self.probes = own.filter(|(_, task)| reads_scene(task)).map(|(number, _)| number).collect();
+        self.ends.retain(|split| !self.probes.contains(&split.task));
+        self
+    }
 }
 
 /// Returns the splits of a device's tasks into the fewest submissions of at most `bound_ms` each, in a frame of

@@ -10,7 +10,7 @@ use super::kernels::Kernels;
 use crate::device::GpuDevice;
 use crate::frame::RunConfig;
 use crate::graph::{Bound, Format, Kernel, Program, Resource, Stage};
-use crate::layout::{Camera, DisplayMap, Frame, Previous};
+use crate::layout::{Camera, DisplayMap, Frame, Previous, Sampling};
 use crate::passes::{Moving, PREVIOUS};
 use crate::plan::{EyeImage, Groups, Launched, launched};
 use crate::samples::PixelSamples;
@@ -142,6 +142,12 @@ impl DeviceStages {
     pub fn show(&self, gpu: &GpuDevice, maps: &[DisplayMap; 2]) {
         let at = offset_of!(Frame, camera) + offset_of!(Camera, display_maps);
         gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::cast_slice(maps));
+    }
+
+    /// Sets the least number of samples per pixel for submissions from here on.
+    pub fn set_least_samples(&self, gpu: &GpuDevice, least: u32) {
+        let at = offset_of!(Frame, sampling) + offset_of!(Sampling, samples) + offset_of!(PixelSamples, least);
+        gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::bytes_of(&least));
     }
 
     /// Runs every pipeline of these programs once on no rows, so that drivers compile it now rather than in the first

@@ -29,6 +29,7 @@ mod reference;
 mod same_bytes;
 mod seams;
 mod stereo;
+mod stopping;
 mod stress;
 mod temporal;
 mod textures;

@@ -16,6 +16,7 @@ use diptych::quality::Quality;
 use super::args::Args;
 use super::journal::Journal;
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::options::{RenderOptions, RunOptions};
 use crate::output;
 use crate::reference::{PASS_SPP, Plan};
@@ -125,6 +126,8 @@ pub fn own(
             let gpus = setup::open_devices(options, usize::from(wanted.virtual_devices))?;
             let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
             let done = plan.accumulate(&mut renderer, loaded, 0, begun, tracing)?;
+            // Its samples so far are kept for the next run.
+            interrupt::check()?;
             (done.accumulation, done.row.to_string())
         };
     let images = accumulation.mean();

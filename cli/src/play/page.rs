@@ -20,20 +20,21 @@ use super::args::Args;
 use super::references::{Kept, References};
 use crate::failure::Failure;
 use crate::options::RenderOptions;
-use crate::page;
+use crate::{interrupt, page};
 
-/// Renders the reference and writes the page.
+/// Renders the reference of the last frame and writes the page. After a signal, the page has no pictures.
 pub fn write(
     args: &Args,
     options: &RenderOptions,
     loaded: &mut LoadedScene,
     report: &RunReport<&SpooledRows>,
     samples: &FrameSamples,
-    last: &Kept,
+    last: Option<&Kept>,
 ) -> Result<(), Failure> {
     let [lo_ms, hi_ms] = [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()];
     let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.settings.size);
-    let mut sections = vec![pictures(args, options, loaded, last)?];
+    let pictures = last.map(|last| pictures(args, options, loaded, last)).transpose();
+    let mut sections: Vec<_> = interrupt::as_none(pictures)?.flatten().into_iter().collect();
     if let Some(play) = &report.play {
         sections.extend(budget(options, play, &report.faults, samples)?);
     }

@@ -10,6 +10,7 @@ use diptych::scene::rig::Rig;
 
 use super::args::Args;
 use crate::failure::Failure;
+use crate::interrupt;
 use crate::options::{RenderOptions, RunOptions};
 use crate::reference::{PASS_SPP, Plan};
 use crate::setup::{self, Tracing};
@@ -57,6 +58,7 @@ impl References {
         loaded.shot.rig = frame.rig.clone();
         plan.options.run.settings.time = frame.time_s;
         let done = plan.accumulate(renderer, loaded, 0, plan.begun(loaded, 0)?, tracing)?;
+        interrupt::check()?;
         Ok((done.accumulation.mean(), done.row))
     }
 }

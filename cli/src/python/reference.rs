@@ -61,6 +61,7 @@ pub fn reference(
             spp,
             time_limit,
             checkpoint: None,
+            progress: &|_, _| {},
             stop: &stop,
         };
         let begun = Accumulation::new(options.render.settings.size);

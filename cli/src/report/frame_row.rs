@@ -190,6 +190,10 @@ pub struct FrameRow {
     pub headset: Option<HeadsetRow>,
     /// Number of dynamic bodies that the frame omits, because they were too small, too stretched or too far away.
     pub bodies_left_out: u32,
+    /// Samples per pixel of a still that a signal ended early; pixels of hole filling may have fewer. Absent for other
+    /// frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spp_done: Option<u32>,
 }
 
 impl FrameRow {
@@ -239,6 +243,7 @@ impl FrameRow {
             deadline: None,
             headset: None,
             bodies_left_out: frame.bodies_left_out,
+            spp_done: frame.spp_done,
         }
     }
 

@@ -21,6 +21,7 @@ use super::host::HostSummary;
 use super::play::PlaySummary;
 use super::rectified::RectifiedFrame;
 use super::{median, median_of};
+use crate::signals;
 
 /// Settings of a run.
 #[derive(Clone, Debug, Serialize)]
@@ -156,6 +157,9 @@ pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
     /// Summary of the frames that were shown in a headset.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub headset: Option<HeadsetSummary>,
+    /// True if a signal such as Ctrl-C ended the run; absent otherwise.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub interrupted: bool,
 }
 
 impl<Rows: FrameRows> RunReport<Rows> {
@@ -185,6 +189,7 @@ impl<Rows: FrameRows> RunReport<Rows> {
             play: None,
             rectified: None,
             headset: None,
+            interrupted: signals::is_set(),
         }
     }
 

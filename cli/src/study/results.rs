@@ -38,6 +38,11 @@ impl Results {
         Self { study, rows, rings, frames, devices, renderers, notes, pictures, sections }
     }
 
+    /// True if nothing has been measured.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// Adds a note on a subject to the last table, unless there is one.
     pub fn note(&mut self, subject: &str, note: &str) {
         if !self.notes.iter().any(|known| known.starts_with(subject)) {

@@ -43,20 +43,26 @@ pub fn run(study: &'static Study, args: &StudyArgs, has_shot: bool) -> Result<()
     let frames: u32 = study.cameras.iter().map(|camera| frames(study, args, *camera)).sum();
     let progress = Progress::new(runs as u64 * u64::from(frames), args.options.quiet, args.options.json);
     let mut results = Results::new(study);
-    for subject in &subjects {
+    let measured = subjects.iter().try_for_each(|subject| {
         let mut loaded = setup::load(&subject.options)?;
         setup::tell_remarks(&loaded.scene);
         if study.gazes_ahead {
             loaded.shot.gaze = Gaze::default();
         }
-        for conditions in &all {
+        all.iter().try_for_each(|conditions| {
             let measuring = Measuring { study, args, subject, conditions, loaded: &loaded, tracing: &tracing };
-            measuring.run(&progress, &mut results)?;
-        }
+            measuring.run(&progress, &mut results)
+        })
+    });
+    // A signal ends the measurement, and the results so far are written.
+    if interrupt::as_none(measured)?.is_none() && results.is_empty() {
+        return Err(Failure::Interrupted);
     }
+    let _writing = interrupt::writing();
     progress.finish();
     tracing.finish()?;
-    results.write(args)
+    results.write(args)?;
+    interrupt::check()
 }
 
 /// Returns the conditions that the command line lists, each once.

@@ -47,9 +47,11 @@ pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     let progress = Progress::new(settings as u64 * frames, options.quiet, options.json);
     let timed = Timed { args, loaded: &loaded, progress: &progress, tracing: &tracing };
     let found = Study { options, reference, loaded: &loaded }.measure(&timed)?;
+    let _writing = interrupt::writing();
     progress.finish();
     tracing.finish()?;
-    found.write(args)
+    found.write(args)?;
+    interrupt::check()
 }
 
 /// Returns the options of the study: those of Leria et al. as published. Stripes are even by default, so that the seams are
@@ -107,13 +109,15 @@ impl<'a> Study<'a> {
         };
         keep(ONE_DEVICE, &one);
         let (mut devices, mut warm_up_s, mut number) = (vec![one.devices.clone()], one.warm_up_s, 1);
-        for count in counts(timed.args) {
+        'all: for count in counts(timed.args) {
             for seam in SEAMS {
                 let policy = seam.text();
                 let mut options = self.options.clone();
                 options.run.settings.seam = seam;
                 let name = format!("{count} devices, {policy}");
-                let warm = timed.frames(&Setting { number, name, options, virtual_devices: Some(count) })?;
+                let setting = Setting { number, name, options, virtual_devices: Some(count) };
+                // A signal ends the measurement, and the results so far are written.
+                let Some(warm) = interrupt::as_none(timed.frames(&setting))? else { break 'all };
                 rows.extend(self.rows(&policy, &warm, &one.frames)?);
                 keep(&policy, &warm);
                 warm_up_s += warm.warm_up_s;

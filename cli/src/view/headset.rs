@@ -178,10 +178,12 @@ impl Show {
     /// Renders frames until the session ends.
     fn frames(&mut self, prepared: &Prepared) -> Result<(), Failure> {
         let most = prepared.frames.unwrap_or(u32::MAX);
-        let mut index = 0;
+        let (mut index, mut ending) = (0, None);
         loop {
             let is_over = index == most || interrupt::is_set();
             if is_over {
+                // The runtime decides when the session ends.
+                ending.get_or_insert_with(interrupt::writing);
                 self.headset.ask_to_end()?;
             }
             match self.headset.next_frame()? {
@@ -250,6 +252,7 @@ impl Show {
     /// Writes the requested files and prints a summary.
     fn finish(self, args: &Args, prepared: &Prepared, loaded: &LoadedScene, period_ms: f64) -> Result<(), Failure> {
         let Self { mut session, headset, motion, record, .. } = self;
+        let _writing = interrupt::writing();
         session.progress.finish();
         let options = &prepared.render;
         motion.map_or(Ok(()), Recording::finish)?;

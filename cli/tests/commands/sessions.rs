@@ -52,6 +52,7 @@ fn row(index: u32) -> FrameRow {
         nonfinite_samples: 0,
         clipped_pixels: 0,
         bodies_left_out: 0,
+        spp_done: None,
         stripes: vec![180, 180],
         stage_stripes: BTreeMap::from([("path_trace.left".to_owned(), vec![180, 180])]),
         transferred_bytes: 4096,

@@ -4,7 +4,7 @@
 use std::io::{BufRead, BufReader};
 use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::common::Folder;
 
@@ -62,8 +62,59 @@ fn signals_leave_complete_files() {
         let frames = folder.json("out/run.json")["frames"].as_array().unwrap().len();
         assert!(frames >= 2, "{frames}");
         assert_eq!(folder.names("out").len(), 5 * frames + 2);
+        assert_eq!(folder.json("out/run.json")["interrupted"], true);
         assert_eq!(folder.json("trace.json")["otherData"]["complete"], true);
     }
+}
+
+/// Longest time from a signal to the end of a command. It ends within a second on a machine that does nothing else.
+const SOON: Duration = Duration::from_secs(4);
+
+/// A frame of this command takes minutes. The signal comes in its first frame, or while pipelines are compiled.
+#[test]
+fn signal_ends_long_steps_soon() {
+    for (line, at) in [
+        ("render builtin:cornell --size 96x64 --spp 65536 --frames 2 --json --out ./", "warming up"),
+        ("play builtin:cornell --size 3840x2160 --json --out ./", "warming up"),
+        (
+            "render builtin:cornell --size 96x64 --reference --spp 65536 --set pass_spp=4096 --json --out ./",
+            "warming up",
+        ),
+    ] {
+        let folder = Folder::new();
+        let mut run = program(&folder, line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(run.stdout.take().unwrap()).lines().map(Result::unwrap);
+        assert!(lines.any(|line| line.contains(at)), "no line contains '{at}'");
+        std::thread::sleep(Duration::from_secs(3));
+        assert_eq!(run.try_wait().unwrap(), None, "{line}: it has ended already");
+        send(&run, libc::SIGINT);
+        let begin = Instant::now();
+        let output = run.wait_with_output().unwrap();
+        let passed = begin.elapsed();
+        assert_eq!(output.status.code(), Some(130), "{line}");
+        assert!(passed < SOON, "{line}: it took {passed:?}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("interrupted"));
+        assert!(!folder.path("left.exr").exists(), "{line}");
+    }
+}
+
+#[test]
+fn interrupted_still_keeps_its_samples() {
+    let folder = Folder::new();
+    let line = "render builtin:cornell --size 32x24 --spp 65536 --json --out ./";
+    let mut run = program(&folder, line).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let lines = BufReader::new(run.stdout.take().unwrap()).lines().map(Result::unwrap);
+    let mut events = lines.map(|line| serde_json::from_str::<serde_json::Value>(&line).unwrap());
+    let progress = events.find(|event| event["fraction"].as_f64().is_some_and(|fraction| fraction > 5e-4));
+    assert!(progress.is_some(), "it ended before it had some samples");
+    send(&run, libc::SIGINT);
+    drop(events);
+    assert_eq!(run.wait().unwrap().code(), Some(130));
+    let report = folder.json("run.json");
+    let spp = report["frames"][0]["spp_done"].as_u64().unwrap();
+    assert!((4..65536).contains(&spp), "{spp}");
+    assert_eq!((&report["interrupted"], &report["frames"][0]["spp"]), (&true.into(), &65536.into()));
+    assert!(folder.path("left.exr").exists() && folder.path("stereo.png").exists());
 }
 
 #[test]

@@ -1,7 +1,11 @@
 //! A device's part of a frame: its recorded and submitted commands, and its readbacks.
 
+mod probing;
+
 use std::collections::HashMap;
 use std::sync::Arc;
+
+use probing::Probing;
 
 use super::device::WorkerDevice;
 use crate::device::DeviceFailure;
@@ -11,8 +15,7 @@ use crate::exec::output::Output;
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::graph::FrameGraph;
-use crate::plan::{Command, Commands, Share, Timed, Work};
-use crate::schedule::{Divisible, Position};
+use crate::plan::{Command, Commands, Share, Timed};
 use crate::stages::{DeviceStages, Recording};
 
 /// State of a frame on a worker until it is answered. Task numbers are indices among the device's tasks.
@@ -40,8 +43,7 @@ pub struct Part {
     stamps: Option<ReadBack>,
     last: Option<wgpu::SubmissionIndex>,
     times: Vec<TaskTime>,
-    /// Number of submissions of each task that the device divided itself.
-    probed: HashMap<usize, u32>,
+    probing: Probing,
     /// Readbacks of images in progress.
     images: Vec<[ReadBack; 2]>,
     shown_from: Option<Box<SampledPose>>,
@@ -67,7 +69,7 @@ impl Part {
             stamps: None,
             last: None,
             times: Vec::new(),
-            probed: HashMap::new(),
+            probing: Probing::default(),
             images: Vec::new(),
             shown_from: None,
         }
@@ -122,48 +124,6 @@ impl Part {
             Command::Close => self.close(),
             Command::Submit(_) => self.submit(device),
             Command::Inject(kind) => device.inject(*kind),
-        }
-        Ok(())
-    }
-
-    /// Executes a task of unknown time in submissions that grow with what the device has timed.
-    ///
-    /// # Errors
-    /// [`DeviceFailure`] if the device failed or took too long.
-    fn probe(
-        &mut self,
-        device: &mut WorkerDevice,
-        task: usize,
-        stamps: Option<u32>,
-        beat: impl Fn(),
-    ) -> Result<(), DeviceFailure> {
-        let graph = Arc::clone(&self.graph);
-        let Some(work) = Work::of(&graph, &graph.parts_of(self.device).0[task]) else { return Ok(()) };
-        let (bound_ms, samples) = (self.job.splits.bound_ms, self.job.constants.sampling.samples);
-        let divisible = Divisible::new(work.program, work.pass, work.rows, samples);
-        let pass = &work.program.passes()[work.pass].pass;
-        let key = (pass.kernel.name, pass.index);
-        let mut at = Position::start(work.rows);
-        while at < Position::END {
-            let to = device.speeds.reach(key, &divisible, at, bound_ms);
-            let paths = divisible.paths(&(at..to));
-            let is_timed = to < Position::END || device.speeds.is_new(key, paths);
-            if is_timed {
-                // The device must be idle, or the time would include other work.
-                device.gpu.wait(None)?;
-            }
-            let begin_ms = device.now_ms();
-            let commands = work.part(&(at..to), &share_of(&self.job, self.ticket, self.device), stamps);
-            commands.iter().try_for_each(|command| self.perform(device, command))?;
-            self.close();
-            self.submit(device);
-            *self.probed.entry(task).or_default() += 1;
-            beat();
-            if is_timed {
-                device.gpu.wait(None)?;
-                device.speeds.learn(key, paths, device.now_ms() - begin_ms);
-            }
-            at = to;
         }
         Ok(())
     }
@@ -265,7 +225,7 @@ impl Part {
             let bracket_ms = self.submitted_ms.unwrap_or(self.begin_ms)..self.end_ms;
             let times = device.times(back, &bracket_ms)?;
             for (&Timed { task, submissions }, [begin_ms, end_ms]) in self.commands.timed.iter().zip(times) {
-                let submissions = self.probed.get(&task).copied().unwrap_or(submissions);
+                let submissions = self.probing.submissions.get(&task).copied().unwrap_or(submissions);
                 self.times.push(TaskTime { task, begin_ms, end_ms, bytes: None, submissions });
             }
         }
@@ -292,7 +252,8 @@ impl Part {
         let (begin_ms, end_ms, shown_from) = (self.begin_ms, self.end_ms, self.shown_from.take());
         let is_primary = self.device == self.graph.primary;
         let buffers = if is_primary { device.buffers(&self.graph.program, self.job.place) } else { Vec::new() };
-        Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers }))
+        let spp_done = self.probing.spp_done();
+        Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers, spp_done }))
     }
 }
 

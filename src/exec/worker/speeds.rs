@@ -44,6 +44,11 @@ impl Speeds {
         self.0.get(&key).is_none_or(|speed| speed.paths < paths)
     }
 
+    /// Returns the expected time of paths in milliseconds; 0 before any were timed.
+    pub fn expected_ms(&self, key: Key, paths: f64) -> f64 {
+        self.0.get(&key).map_or(0.0, |speed| speed.path_ms * paths)
+    }
+
     pub fn learn(&mut self, key: Key, paths: f64, ms: f64) {
         let speed = self.0.entry(key).or_default();
         // Waiting for a device takes time as well, so a time of 0 is none.

@@ -1,0 +1,52 @@
+//! Frames that take long: their progress, and the end of a still with the samples that it has.
+
+use std::time::{Duration, Instant};
+
+use super::{Run, time_s};
+use crate::failure::Failure;
+use crate::interrupt;
+use diptych::exec::FrameReport;
+
+/// Returns true if the next frame probably takes long, and is rendered with progress; `last_ms` is the makespan of the
+/// last frame. The first one may take any time.
+pub fn takes_long(last_ms: Option<f64>) -> bool {
+    last_ms.is_none_or(|ms| ms > 500.0)
+}
+
+/// Longest time for completing a picture of the samples that a still has when a signal comes. A second signal ends it at
+/// once.
+const ENDING: Duration = Duration::from_secs(10);
+
+impl Run<'_> {
+    /// True if the next frame is rendered with progress.
+    pub(super) fn is_watched(&self) -> bool {
+        self.options.settings.frames_in_flight == 1 && takes_long(self.last_ms)
+    }
+
+    /// Waits for the next frame; returns `None` after the last one.
+    pub(super) fn next_frame(&mut self) -> Result<Option<FrameReport>, Failure> {
+        let options = self.options;
+        if self.renderer.in_flight() > 0 || !self.is_watched() {
+            return Ok(self.renderer.finish()?);
+        }
+        if self.begun == options.frames || interrupt::is_set() {
+            return Ok(None);
+        }
+        let params = self.renderer.frame(&self.loaded.shot.rig, time_s(options, self.begun), self.begun);
+        self.begun += 1;
+        // The frames of a sequence have all samples.
+        let (is_still, progress) = (options.frames == 1, &self.progress);
+        let what = if is_still { format!("of {} spp", options.quality().spp) } else { String::new() };
+        let mut ending = None;
+        let frame = self.renderer.render_watched(&params, is_still, |fraction| {
+            progress.part(fraction, &what);
+            if is_still && interrupt::is_set() {
+                let (since, writing) = ending.get_or_insert_with(|| (Instant::now(), Some(interrupt::writing())));
+                if since.elapsed() > ENDING {
+                    *writing = None;
+                }
+            }
+        })?;
+        Ok(Some(frame))
+    }
+}

@@ -1,0 +1,138 @@
+//! A frame that takes long: its progress, and its end before it has all samples.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use super::stopping::StopFlag;
+use super::{ExecError, FrameParams, FrameReport, Renderer};
+use crate::samples::PixelSamples;
+
+/// Bound of the predicted time of a submission on devices without a bound of their own, in milliseconds. The device can
+/// end a frame between two submissions.
+pub const WATCHED_DISPATCH_MS: f64 = 200.0;
+
+/// Communication of the renderer and its workers about one frame while it is being rendered.
+#[derive(Debug, Default)]
+pub struct Watch {
+    /// Flag that ends the frame with the samples so far; never set if the frame must be complete.
+    ends: StopFlag,
+    /// Fraction of the work that each device has done, as the bits of an `f64`.
+    done: Vec<AtomicU64>,
+    /// True if it would take long to complete a picture of the samples so far.
+    is_hopeless: AtomicBool,
+}
+
+/// Watches are equal if they are the same.
+impl PartialEq for Watch {
+    fn eq(&self, other: &Self) -> bool {
+        std::ptr::eq(self, other)
+    }
+}
+
+impl Watch {
+    fn new(ends: StopFlag, devices: usize) -> Self {
+        Self { ends, done: (0..devices).map(|_| AtomicU64::default()).collect(), is_hopeless: AtomicBool::default() }
+    }
+
+    /// True if the frame must end with the samples so far.
+    pub fn is_ending(&self) -> bool {
+        self.ends.is_set()
+    }
+
+    /// Records the fraction of the work that a device has done.
+    pub fn progress(&self, device: usize, fraction: f64) {
+        if let Some(done) = self.done.get(device) {
+            done.store(fraction.to_bits(), Ordering::Relaxed);
+        }
+    }
+
+    /// Records that it would take long to complete a picture of the samples so far.
+    pub fn give_up(&self) {
+        self.is_hopeless.store(true, Ordering::Relaxed);
+    }
+
+    /// True if the renderer need not wait for the frame, since it ends without a picture.
+    pub fn is_hopeless(&self) -> bool {
+        self.is_hopeless.load(Ordering::Relaxed)
+    }
+
+    /// True if the frame ends with the samples so far, rather than not at all, when the stop flag is set.
+    pub fn ends_with_picture(&self) -> bool {
+        self.ends != StopFlag::default()
+    }
+
+    /// Returns the fraction of the work that these devices have done.
+    pub fn fraction(&self, devices: &[usize]) -> f64 {
+        let done = devices.iter().filter_map(|&device| self.done.get(device));
+        let sum: f64 = done.map(|done| f64::from_bits(done.load(Ordering::Relaxed))).sum();
+        sum / devices.len().max(1) as f64
+    }
+}
+
+impl Renderer {
+    /// Renders a frame like [`Self::render`], in submissions of bounded time. Calls `progress` repeatedly with the
+    /// fraction of the work that is done.
+    ///
+    /// If `ends_early`, and the flag of [`super::Builder::stop`] is set, the frame ends with the samples that it has,
+    /// and [`FrameReport::spp_done`] tells how many. Its bytes then depend on the time. Frames whose samples per pixel
+    /// are one or no whole number, and those that are not past their first samples, are abandoned as usual.
+    ///
+    /// # Errors
+    /// Those of [`Self::render`].
+    pub fn render_watched(
+        &mut self,
+        params: &FrameParams,
+        ends_early: bool,
+        mut progress: impl FnMut(f64),
+    ) -> Result<FrameReport, ExecError> {
+        self.check(params)?;
+        let samples = params.quality.spp.shared(self.config.grid(), self.config.envelope.centres_one());
+        self.watched(params, samples, ends_early, &mut progress)
+    }
+
+    /// Renders a frame like [`Self::render_samples`], with the submissions and the calls of `progress` of
+    /// [`Self::render_watched`].
+    ///
+    /// # Errors
+    /// Those of [`Self::render`].
+    pub fn render_samples_watched(
+        &mut self,
+        params: &FrameParams,
+        samples: Range<u32>,
+        mut progress: impl FnMut(f64),
+    ) -> Result<FrameReport, ExecError> {
+        let samples = PixelSamples::own(samples, self.config.envelope.centres_one());
+        self.watched(params, samples, false, &mut progress)
+    }
+
+    fn watched(
+        &mut self,
+        params: &FrameParams,
+        samples: PixelSamples,
+        ends_early: bool,
+        progress: &mut dyn FnMut(f64),
+    ) -> Result<FrameReport, ExecError> {
+        let is_alone = self.devices().iter().all(|device| device.is_on_first_rank());
+        let ends_early = ends_early && samples.extra == 0.0 && samples.is_jittered != 0 && is_alone;
+        let ends = if ends_early { self.frames.stop.clone() } else { StopFlag::default() };
+        let watch = Arc::new(Watch::new(ends, self.devices().len()));
+        self.begin_with(params, samples, &[], Some(watch))?;
+        self.finish_last(progress)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_is_the_mean_over_devices() {
+        let watch = Watch::new(StopFlag::default(), 3);
+        watch.progress(0, 0.5);
+        watch.progress(2, 1.0);
+        watch.progress(7, 1.0);
+        assert_eq!((watch.fraction(&[0, 1]), watch.fraction(&[0, 2]), watch.fraction(&[])), (0.25, 0.75, 0.0));
+        assert!(!watch.is_ending() && !watch.ends_with_picture());
+    }
+}
