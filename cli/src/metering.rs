@@ -33,7 +33,8 @@ pub fn meter(
         let before_ev = loaded.shot.exposure_ev;
         let options = small(options);
         let mut renderer = setup::renderer(&options, loaded, gpus, Instant::now())?;
-        renderer.render(&renderer.frame(&loaded.shot.rig, options.settings.time, 0))?;
+        let params = renderer.frame(&loaded.shot.rig, options.settings.time, 0);
+        renderer.render_watched(&params, None, |fraction| progress.phase_part("metering", fraction))?;
         let image = renderer.read_linear()?.left;
         gpus = renderer.into_devices();
         loaded.shot.exposure_ev = wanted_ev(&loaded.scene, &image).unwrap_or(0.0);

@@ -59,6 +59,9 @@ pub struct Args {
 /// Samples per pixel that a single frame with history accumulates by default.
 const STILL_SPP: u32 = 16;
 
+/// Default samples per pixel of a single frame with a time limit.
+const LIMITED_SPP: u32 = 4096;
+
 impl Args {
     fn has(&self, what: Also) -> bool {
         self.also.contains(&what)
@@ -67,13 +70,28 @@ impl Args {
     /// Checks constraints that clap cannot express.
     fn check(&self) -> Result<(), anyhow::Error> {
         let settings = &self.flags.run.settings;
-        for key in ["time_limit", "pass_spp", "passes_out"].into_iter().filter(|key| settings.is_given(key)) {
+        for key in ["pass_spp", "passes_out"].into_iter().filter(|key| settings.is_given(key)) {
             ensure!(self.reference, "{key} has no effect without --reference");
+        }
+        if settings.is_given("time_limit") && !self.reference {
+            ensure!(self.flags.frames == 1, "--time-limit is for a single picture, or for --reference");
+            let can_end = settings.spp.least > 1 && !settings.spp.varies();
+            ensure!(can_end, "--time-limit needs a whole number of at least 2 samples, not --spp {}", settings.spp);
         }
         for what in [Also::Sheet, Also::Tev].into_iter().filter(|what| self.has(*what)) {
             ensure!(!self.reference, "--reference cannot be combined with --also {what:?}");
         }
         Ok(())
+    }
+
+    /// Chooses a number of samples that a time limit ends early, if the command line gives none.
+    fn with_samples(&self) -> Self {
+        let mut args = self.clone();
+        let settings = &mut args.flags.run.settings;
+        if settings.time_limit.is_some() && !settings.is_given("spp") && !args.reference {
+            settings.spp = LIMITED_SPP.into();
+        }
+        args
     }
 
     /// Returns the number of warm-up frames before the first saved frame.
@@ -99,6 +117,7 @@ struct Rows {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let args = &args.with_samples();
     args.check().map_err(Failure::Input)?;
     let flags = &args.flags;
     let plan = args.reference.then(|| Plan::asked_for(flags)).transpose()?;
@@ -142,7 +161,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         interrupt::check()?;
         let params = renderer.frame(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before));
         let frame = match takes_long(last_ms) {
-            true => renderer.render_watched(&params, false, |fraction| progress.part(fraction, "history"))?,
+            true => renderer.render_watched(&params, None, |fraction| progress.part(fraction, "history"))?,
             false => renderer.render(&params)?,
         };
         last_ms = Some(frame.makespan_ms);

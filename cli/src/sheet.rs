@@ -88,7 +88,7 @@ fn show(
     for index in 0..FRAMES {
         let params = renderer.frame(&loaded.shot.rig, options.settings.time, index);
         let part = |fraction| progress.part((f64::from(index) + fraction) / f64::from(FRAMES), &name_of(file));
-        renderer.render_watched(&params, false, part)?;
+        renderer.render_watched(&params, None, part)?;
     }
     let picture = FrameImages::read(&mut renderer, &[])?.display.left;
     *gpus = Some(renderer.into_devices());

@@ -235,11 +235,13 @@ impl Frames {
             images: HashMap::new(),
             buffers: HashMap::new(),
         };
-        let (watch, devices, mut waits) = (frame.inputs.watch.clone(), self.workers.left(), self.stop.begin_wait());
+        let (stop, mut waits) = (self.stop.clone(), self.stop.begin_wait());
+        let (watch, devices) = (frame.inputs.watch.clone(), self.workers.left());
         let goes_on = || {
             let Some(watch) = &watch else { return waits() };
             progress(watch.fraction(&devices));
-            if watch.ends_with_picture() { !watch.is_hopeless() } else { waits() }
+            // A frame that its own flag ends has a picture, however long that takes.
+            if watch.ends_with_picture() { !(watch.is_hopeless() && stop.is_set()) } else { waits() }
         };
         for (device, answer) in self.workers.answers_while(frame.ticket, frame.limit, goes_on)? {
             match answer {

@@ -15,7 +15,7 @@ pub const WATCHED_DISPATCH_MS: f64 = 200.0;
 /// Communication of the renderer and its workers about one frame while it is being rendered.
 #[derive(Debug, Default)]
 pub struct Watch {
-    /// Flag that ends the frame with the samples so far; never set if the frame must be complete.
+    /// Flag that ends the frame with the samples so far; none if the frame must be complete.
     ends: StopFlag,
     /// Fraction of the work that each device has done, as the bits of an `f64`.
     done: Vec<AtomicU64>,
@@ -52,12 +52,12 @@ impl Watch {
         self.is_hopeless.store(true, Ordering::Relaxed);
     }
 
-    /// True if the renderer need not wait for the frame, since it ends without a picture.
+    /// True if it would take long to complete a picture of the samples so far.
     pub fn is_hopeless(&self) -> bool {
         self.is_hopeless.load(Ordering::Relaxed)
     }
 
-    /// True if the frame ends with the samples so far, rather than not at all, when the stop flag is set.
+    /// True if the frame can end with the samples so far.
     pub fn ends_with_picture(&self) -> bool {
         self.ends != StopFlag::default()
     }
@@ -74,21 +74,22 @@ impl Renderer {
     /// Renders a frame like [`Self::render`], in submissions of bounded time. Calls `progress` repeatedly with the
     /// fraction of the work that is done.
     ///
-    /// If `ends_early`, and the flag of [`super::Builder::stop`] is set, the frame ends with the samples that it has,
-    /// and [`FrameReport::spp_done`] tells how many. Its bytes then depend on the time. Frames whose samples per pixel
-    /// are one or no whole number, and those that are not past their first samples, are abandoned as usual.
+    /// Once the flag `ends` is set, the frame ends with the samples that it has, and [`FrameReport::spp_done`] tells how
+    /// many. Its bytes then depend on the time. A frame of one sample per pixel, or of no whole number, ignores the flag.
+    /// If the flag of [`super::Builder::stop`] is set as well, and it would take long to give each pixel a first sample, there
+    /// is no frame, but [`ExecError::Stopped`].
     ///
     /// # Errors
     /// Those of [`Self::render`].
     pub fn render_watched(
         &mut self,
         params: &FrameParams,
-        ends_early: bool,
+        ends: Option<&Arc<AtomicBool>>,
         mut progress: impl FnMut(f64),
     ) -> Result<FrameReport, ExecError> {
         self.check(params)?;
         let samples = params.quality.spp.shared(self.config.grid(), self.config.envelope.centres_one());
-        self.watched(params, samples, ends_early, &mut progress)
+        self.watched(params, samples, ends, &mut progress)
     }
 
     /// Renders a frame like [`Self::render_samples`], with the submissions and the calls of `progress` of
@@ -103,19 +104,19 @@ impl Renderer {
         mut progress: impl FnMut(f64),
     ) -> Result<FrameReport, ExecError> {
         let samples = PixelSamples::own(samples, self.config.envelope.centres_one());
-        self.watched(params, samples, false, &mut progress)
+        self.watched(params, samples, None, &mut progress)
     }
 
     fn watched(
         &mut self,
         params: &FrameParams,
         samples: PixelSamples,
-        ends_early: bool,
+        ends: Option<&Arc<AtomicBool>>,
         progress: &mut dyn FnMut(f64),
     ) -> Result<FrameReport, ExecError> {
         let is_alone = self.devices().iter().all(|device| device.is_on_first_rank());
-        let ends_early = ends_early && samples.extra == 0.0 && samples.is_jittered != 0 && is_alone;
-        let ends = if ends_early { self.frames.stop.clone() } else { StopFlag::default() };
+        let can_end = samples.extra == 0.0 && samples.is_jittered != 0 && is_alone;
+        let ends = ends.filter(|_| can_end).map_or_else(StopFlag::default, |flag| Arc::clone(flag).into());
         let watch = Arc::new(Watch::new(ends, self.devices().len()));
         self.begin_with(params, samples, &[], Some(watch))?;
         self.finish_last(progress)

@@ -3,11 +3,14 @@
 mod text;
 
 use std::fs;
+use std::ops::Range;
 use std::path::Path;
 
+use super::list::Ended;
 use super::*;
-use crate::graph::{Assignment, FrameGraph, HaloPlan, Seam, Stripes, TaskKind};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Seam, Stripes, Task, TaskKind};
 use crate::image::Extent;
+use crate::passes::graph_tests::graph;
 use crate::passes::tonemap::LINEAR;
 use crate::passes::{Aov, Declarations, Display, FrameSpec, ImageChain, Moving, Views};
 use crate::projection::PolarSpace;
@@ -51,6 +54,38 @@ fn words(commands: &Commands) -> Vec<String> {
         Command::Inject(kind) => kind.name().to_owned(),
     };
     commands.list.iter().map(word).collect()
+}
+
+/// Returns the rows and the arguments of the runs that end a pass of this name early after `at`, in a frame of 16 samples,
+/// and the least number of samples.
+fn ended(stage: &str, at: Position) -> (Vec<(Range<u32>, [u32; 3])>, u32) {
+    let spec = FrameSpec { views: Views::Reprojected, ..FrameSpec::new(EXTENT, 1) };
+    let graph = graph(&spec, &Assignment::uniform(Stripes::even(EXTENT.height, 1)), None);
+    let is_it = |task: &&Task| graph.pass(task).is_some_and(|pass| pass.pass.stage.name() == stage);
+    let work = Work::of(&graph, graph.parts_of(0).0.iter().rfind(is_it).unwrap()).unwrap();
+    let samples = Samples::from(16).shared(EXTENT, true);
+    let (splits, repeats, injected) = (&Splits::default(), 1, None);
+    let share = Share { ticket: TICKET, device: 0, samples, splits, repeats, injected, asks: false };
+    let Ended { commands, least } = work.end_early(at, &share, None);
+    let launches = commands.into_iter().find_map(|command| match command {
+        Command::Dispatch { launches, .. } => Some(launches),
+        _ => None,
+    });
+    let constants = launches.unwrap().into_iter().map(|launched| launched.constants);
+    (constants.map(|c| (c.row_begin..c.row_end, c.args.0)).collect(), least)
+}
+
+#[test]
+fn ended_pass_has_a_sample_of_each_pixel() {
+    let at = |run, row| Position { run, row };
+    let first = vec![(16..40, [0, 1, 0]), (0..16, [4, 4, 0])];
+    assert_eq!(ended("path_trace", at(0, 16)), (first, 1));
+    assert_eq!(ended("path_trace", at(0, 0)), (vec![(0..40, [0, 1, 0])], 1));
+    let third = vec![(0..16, [12, 12, 0]), (16..40, [8, 8, 0])];
+    assert_eq!(ended("path_trace", at(2, 16)), (third, 8));
+    // The right eye's G-buffer runs once, and then over the samples.
+    assert_eq!(ended("gbuffer", at(0, 16)).0, [(16..40, [0, 0, 0]), (0..40, [0, 1, 0])]);
+    assert_eq!(ended("gbuffer", at(1, 16)).0, [(16..40, [0, 1, 0]), (0..16, [16, 16, 0])]);
 }
 
 #[test]

@@ -243,7 +243,7 @@ mod tests {
 
     /// Teaches the model that every pass takes 1 ms per row, over all its runs.
     fn learned(graph: &FrameGraph, mut model: CostModel, devices: usize) -> CostModel {
-        let stage = |device, task: &crate::graph::Task| match task.kind {
+        let stage = |device, task: &Task| match task.kind {
             TaskKind::Dispatch { pass, .. } => {
                 let pass = &graph.program.passes()[pass].pass;
                 let (rows, busy_ms) = (task.rows.clone(), task.rows.len() as f64);

@@ -25,12 +25,12 @@ fn mean(images: &Stereo<RgbImage>) -> f64 {
 fn watched(
     renderer: &mut Renderer,
     scene: &LoadedScene,
-    flag: &AtomicBool,
+    flag: &Arc<AtomicBool>,
     (ends_early, stop_at): (bool, f64),
 ) -> Result<FrameReport, ExecError> {
     let params = renderer.frame(&scene.shot.rig, 0.0, 0);
     let mut last = 0.0;
-    renderer.render_watched(&params, ends_early, |fraction| {
+    renderer.render_watched(&params, ends_early.then_some(flag), |fraction| {
         assert!((last..=1.0).contains(&fraction), "{fraction} after {last}");
         last = fraction;
         flag.fetch_or(fraction > stop_at, Ordering::Relaxed);

@@ -33,6 +33,8 @@ const TARGET: f64 = 0.5;
 const GOOD_ENOUGH: f64 = 0.85;
 /// Multiple of the budget's upper end. If a frame takes longer than this, the run's estimated duration is reported.
 const FAR: f64 = 2.0;
+/// Name of the search in messages.
+const LOOKING: &str = "looking for a size that fits";
 
 /// Creates a renderer of the requested size. If no rung fits the budget there, finds a smaller size and reports it.
 /// If [`Prepared::fits_size`] is `Some(true)`, the renderer has the smaller size instead, which is stored in
@@ -51,16 +53,20 @@ pub fn start(
     };
     let (asked, budget) = (prepared.render.settings.size, prepared.options.budget_ms);
     let mut renderer = of_size(prepared, asked, gpus)?;
-    let cheapest_ms = cheapest_ms(prepared, loaded, &mut renderer)?;
+    let timing = format!("timing {asked}");
+    let cheapest_ms = cheapest_ms(prepared, loaded, &mut renderer, &|fraction| progress.phase_part(&timing, fraction))?;
     if cheapest_ms <= budget.hi_ms() {
         return Ok((renderer, None));
     }
-    progress.phase("looking for a size that fits");
+    progress.phase(LOOKING);
     let mut gpus = renderer.into_devices();
     let limits_ms = [TARGET * budget.hi_ms(), budget.hi_ms()];
+    let mut tried = 0.0;
     let fitting = search(asked, cheapest_ms, limits_ms, |size| -> Result<f64, Failure> {
+        let part = |fraction: f64| progress.phase_part(LOOKING, (tried + fraction) / PROBES as f64);
         let mut renderer = of_size(prepared, size, std::mem::take(&mut gpus))?;
-        let ms = self::cheapest_ms(prepared, loaded, &mut renderer)?;
+        let ms = self::cheapest_ms(prepared, loaded, &mut renderer, &part)?;
+        tried += 1.0;
         refuse_faults(&renderer)?;
         gpus = renderer.into_devices();
         Ok(ms)
@@ -86,8 +92,14 @@ pub fn start(
     Ok((of_size(prepared, played, gpus)?, Some(fit)))
 }
 
-/// Returns the median makespan of frames of the cheapest rung. Afterwards, discards their history.
-fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Renderer) -> Result<f64, Failure> {
+/// Returns the median makespan of frames of the cheapest rung. Afterwards, discards their history. Calls `part` with the
+/// fraction that is done.
+fn cheapest_ms(
+    prepared: &Prepared,
+    loaded: &LoadedScene,
+    renderer: &mut Renderer,
+    part: &dyn Fn(f64),
+) -> Result<f64, Failure> {
     let cheapest = prepared.choice.cheapest(&prepared.options.run.settings);
     let (begin, mut makespans_ms) = (Instant::now(), Vec::new());
     for i in 0..=FRAMES {
@@ -99,7 +111,14 @@ fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Rendere
         if let Some((quality, relative_cost)) = &cheapest {
             (params.quality, params.relative_cost) = (*quality, relative_cost.clone());
         }
-        makespans_ms.push(renderer.render(&params)?.makespan_ms);
+        // A slow frame is the last but one.
+        let is_slow = begin.elapsed() > TIME_LIMIT;
+        let all = f64::from(if is_slow { i + 1 } else { FRAMES + 1 });
+        let report = match i == 0 || is_slow {
+            true => renderer.render_watched(&params, None, |fraction| part((f64::from(i) + fraction) / all))?,
+            false => renderer.render(&params)?,
+        };
+        makespans_ms.push(report.makespan_ms);
     }
     renderer.begin_anew();
     Ok(median_of(makespans_ms.split_off(1)))

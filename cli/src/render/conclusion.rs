@@ -32,7 +32,13 @@ pub fn conclude(options: &RenderOptions, report: &RunReport) {
                 None => String::new(),
             };
             let n = report.warm_up_frames;
-            let history = if n > 0 { format!(" with {n} frame(s) of history") } else { String::new() };
+            let spp = report.frames.last().map_or(0.0, |frame| frame.quality.spp.mean());
+            let all = if report.frames.len() == 1 {
+                format!(", {} spp in all", f64::from(n + 1) * spp)
+            } else {
+                String::new()
+            };
+            let history = if n > 0 { format!(" with {n} frame(s) of history{all}") } else { String::new() };
             say!(
                 "warm-up {:.1} s{history}; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, \
                  {:.2} Mrays/s",

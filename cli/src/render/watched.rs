@@ -1,11 +1,14 @@
 //! Frames that take long: their progress, and the end of a still with the samples that it has.
 
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use super::{Run, time_s};
 use crate::failure::Failure;
 use crate::interrupt;
 use diptych::exec::FrameReport;
+use diptych::frame::settings::Settings;
 
 /// Returns true if the next frame probably takes long, and is rendered with progress; `last_ms` is the makespan of the
 /// last frame. The first one may take any time.
@@ -20,7 +23,9 @@ const ENDING: Duration = Duration::from_secs(10);
 impl Run<'_> {
     /// True if the next frame is rendered with progress.
     pub(super) fn is_watched(&self) -> bool {
-        self.options.settings.frames_in_flight == 1 && takes_long(self.last_ms)
+        let Settings { frames_in_flight, time_limit, .. } = **self.options.settings;
+        let is_alone = frames_in_flight == 1 || self.options.frames == 1;
+        time_limit.is_some() || (is_alone && takes_long(self.last_ms))
     }
 
     /// Waits for the next frame; returns `None` after the last one.
@@ -37,8 +42,9 @@ impl Run<'_> {
         // The frames of a sequence have all samples.
         let (is_still, progress) = (options.frames == 1, &self.progress);
         let what = if is_still { format!("of {} spp", options.quality().spp) } else { String::new() };
-        let mut ending = None;
-        let frame = self.renderer.render_watched(&params, is_still, |fraction| {
+        let limit = options.settings.time_limit().unwrap_or(Duration::MAX);
+        let (begin, mut ending, ends) = (Instant::now(), None, Arc::default());
+        let frame = self.renderer.render_watched(&params, is_still.then_some(&ends), |fraction| {
             progress.part(fraction, &what);
             if is_still && interrupt::is_set() {
                 let (since, writing) = ending.get_or_insert_with(|| (Instant::now(), Some(interrupt::writing())));
@@ -46,6 +52,7 @@ impl Run<'_> {
                     *writing = None;
                 }
             }
+            ends.fetch_or(begin.elapsed() >= limit || interrupt::is_set(), Ordering::Relaxed);
         })?;
         Ok(Some(frame))
     }

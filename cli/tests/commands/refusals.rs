@@ -86,7 +86,8 @@ fn rejects_invalid_options_of_devices() {
 fn rejects_invalid_options_of_references() {
     let folder = Folder::new();
     let table = "
-    --set time_limit=5 => --reference
+    --frames 2 --spp 8 --time-limit 5 => --time-limit is for a single picture
+    --spp {1 2.5} --time-limit 5 => --time-limit needs a whole number of at least 2 samples
     --set passes_out=./x => --reference
     --reference --set time_limit={0 -1 nan soon} => time_limit
     --reference --set pass_spp={0 1 12 8192} => pass_spp

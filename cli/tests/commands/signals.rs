@@ -118,6 +118,18 @@ fn interrupted_still_keeps_its_samples() {
 }
 
 #[test]
+fn time_limit_ends_a_picture_with_its_samples() {
+    let folder = Folder::new();
+    folder.run("render builtin:cornell --size 32x24 --time-limit 1 --out ./");
+    let report = folder.json("run.json");
+    let frame = &report["frames"][0];
+    let spp = frame["spp_done"].as_u64().unwrap();
+    assert!((1..4096).contains(&spp), "{spp}");
+    assert_eq!((&frame["spp"], &report["interrupted"]), (&4096.into(), &serde_json::Value::Null));
+    assert!(frame["makespan_ms"].as_f64().unwrap() < 1e4, "{frame}");
+}
+
+#[test]
 fn interrupted_reference_keeps_its_samples() {
     let folder = Folder::new();
     let line = "render builtin:checker --size 32x18 --reference --spp 1000000 --set passes_out=./passes --out ./out";

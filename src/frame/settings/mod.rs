@@ -99,9 +99,10 @@ table::settings! {
         strict: bool = false;
     }
     Run {
-        /// Time limit of a reference, seconds [default: none; bench and study: 600]
+        /// Time limit of a picture or a reference, s [default: none; bench, study: 600]
         ///
-        /// The reference has at least one pass. Later runs of `bench` and `study` resume it, and so does
+        /// A single picture ends with the samples that it has, of --spp (4096 if you give none), and run.json has their
+        /// number as `spp_done`. A reference has at least one pass. Later runs of `bench` and `study` resume it, and so does
         /// `render --reference` with passes_out.
         time_limit: Option<f64> = None, of &["render", "bench", "study"];
         /// Folder that keeps the accumulation of --reference, to resume from it
@@ -159,7 +160,8 @@ table::settings! {
     Quality {
         /// Samples per pixel, such as 2 or 1.25
         ///
-        /// Between two whole numbers, each tile of 8x4 pixels takes one of them.
+        /// Between two whole numbers, each tile of 8x4 pixels takes one of them. A single picture has at least 16 samples
+        /// per pixel in total, see --warm-up.
         spp: Samples = Samples::ONE, of FIXED;
         /// Maximum bounces
         ///
