@@ -74,6 +74,8 @@ pub fn serve(options: Option<&RunOptions>) -> Result<u8, Failure> {
 /// Ends all processes with this exit status.
 pub fn end(status: u8) {
     if let Some(node) = NODE.get() {
+        // Processes that do not end together make the launcher report an error.
+        let _ending = interrupt::writing();
         node.end(status);
     }
 }

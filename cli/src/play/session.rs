@@ -1,5 +1,6 @@
 //! The control loop: chooses the quality of a frame, renders it, records its times and reports it.
 
+use std::cell::Cell;
 use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -214,6 +215,10 @@ impl Session {
     }
 }
 
+/// Name of the calibration in messages, and the number of its frames, unless they take long.
+const TIMING: &str = "timing settings";
+const CALIBRATION_FRAMES: f64 = 33.0;
+
 fn find_ladder(
     prepared: &Prepared,
     loaded: &LoadedScene,
@@ -224,7 +229,7 @@ fn find_ladder(
     if let Some(ladder) = &choice.ladder {
         return Ok(ladder.clone());
     }
-    progress.phase("timing settings");
+    progress.phase(TIMING);
     let origin = Origin {
         shot: render.shot.clone(),
         size: render.settings.size.to_string(),
@@ -235,5 +240,11 @@ fn find_ladder(
     };
     let view = View { rig: &loaded.shot.rig, time_s: render.settings.time, rows: render.settings.size.height };
     let limit = |quality: &Quality| options.run.settings.limit(quality);
-    Ok(calibrate(renderer, &view, &choice.qualities, &limit, origin, &interrupt::is_set)?)
+    let begun = Cell::new(0);
+    let stop = || {
+        progress.phase_part(TIMING, (f64::from(begun.get()) / CALIBRATION_FRAMES).min(0.99));
+        begun.set(begun.get() + 1);
+        interrupt::is_set()
+    };
+    Ok(calibrate(renderer, &view, &choice.qualities, &limit, origin, &stop)?)
 }
