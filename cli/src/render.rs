@@ -1,6 +1,7 @@
 //! `diptych render`.
 
 mod conclusion;
+mod history;
 mod watched;
 
 use std::time::Instant;
@@ -31,7 +32,7 @@ use super::setup::{self, Tracing};
 use super::tev::{self, Viewer};
 use super::{interrupt, metering, settings};
 use conclusion::conclude;
-use watched::takes_long;
+use history::History;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -156,18 +157,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let warm_up = Instant::now();
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
-    let mut last_ms = None;
-    for before in (1..=warm_up_frames).rev() {
-        interrupt::check()?;
-        let params = renderer.frame(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before));
-        let frame = match takes_long(last_ms) {
-            true => renderer.render_watched(&params, None, |fraction| progress.part(fraction, "history"))?,
-            false => renderer.render(&params)?,
-        };
-        last_ms = Some(frame.makespan_ms);
-        let event = serde_json::json!({ "event": "warm_up_frame", "makespan_ms": frame.makespan_ms });
-        progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
-    }
+    let history = History::render(&mut renderer, options, &loaded, warm_up_frames, &progress)?;
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     tell(&progress, others.begin_frames());
     let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
@@ -179,7 +169,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         tracing: &tracing,
         progress,
         begun: 0,
-        last_ms,
+        last_ms: history.last_ms(),
+        history,
+        sheet: Sheet::default(),
         rows,
         pictures,
         viewer,
@@ -192,11 +184,18 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let _writing = interrupt::writing();
     let (others_share, warning) = others.end();
     tell(&run.progress, warning);
+    if plan.is_none() {
+        run.keep_history()?;
+    }
     run.progress.finish();
-    let Run { renderer, rows, pictures, .. } = run;
+    let Run { renderer, rows, mut pictures, history, sheet, .. } = run;
     if rows.frames.is_empty() && rows.references.is_empty() {
         // Only a signal ends a run before its first picture. The files of an earlier run remain.
         interrupt::check()?;
+    }
+    if args.has(Also::Sheet) {
+        sheet.write(&options.out)?;
+        pictures.add([SHEET.to_owned()]);
     }
     let devices = renderer.devices();
     let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
@@ -209,7 +208,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let mut report =
         RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, rows.frames);
-    (report.warm_up_s, report.warm_up_frames) = (warm_up_s, warm_up_frames);
+    (report.warm_up_s, report.warm_up_frames) = (warm_up_s, history.frames);
     (report.others_share, report.references) = (others_share, rows.references);
     report.faults = renderer.faults().to_vec();
     report.pictures = pictures.names();
@@ -234,32 +233,22 @@ struct Run<'a> {
     begun: u32,
     /// Makespan of the last frame, ms.
     last_ms: Option<f64>,
+    history: History,
+    /// Pictures for the contact sheet.
+    sheet: Sheet,
     rows: Rows,
     pictures: Pictures,
     viewer: Option<Viewer>,
 }
 
 impl Run<'_> {
-    /// Renders the frames, and writes the sheet of those that are complete.
     fn frames(&mut self) -> Result<(), Failure> {
-        let mut sheet = Sheet::default();
-        let ended = self.all_frames(&mut sheet);
-        if self.args.has(Also::Sheet) {
-            let _writing = interrupt::writing();
-            sheet.write(&self.options.out)?;
-            self.pictures.add([SHEET.to_owned()]);
-        }
-        ended
-    }
-
-    fn all_frames(&mut self, sheet: &mut Sheet) -> Result<(), Failure> {
-        let (options, shot) = (self.options, &self.loaded.shot);
+        let options = self.options;
         let mut faults = FaultLog::default();
         self.begin_frames()?;
         while let Some(frame) = self.next_frame()? {
             self.last_ms = Some(frame.makespan_ms);
-            let mut images = FrameImages::read(&mut self.renderer, &options.aovs)?;
-            let time_s = time_s(options, frame.index);
+            let images = FrameImages::read(&mut self.renderer, &options.aovs)?;
             if self.rows.frames.is_empty() {
                 self.warn_of_nothing_seen(&images.linear);
             }
@@ -268,36 +257,44 @@ impl Run<'_> {
             if options.settings.frames_in_flight > 1 {
                 self.begin_frames()?;
             }
-            self.tracing.record(&options.quality(), None, &frame);
-            if self.args.has(Also::Overlay) {
-                let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
-                let gaze = self.renderer.config().gaze_at(time_s);
-                match self.renderer.config().envelope.most.polar {
-                    Some(polar) => images.overlay_rings(polar, gaze, &shot.rig, time_s, frame.stripe_edges()),
-                    None => images.overlay(frame.stripe_edges(), rectified),
-                }
-                if let Some(foveation) = self.renderer.config().foveation() {
-                    images.overlay_layers(foveation, gaze, rectified);
-                }
-            }
-            let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, time_s, frame.index);
-            images.pixel_centre = frame.pixel_centre;
-            let number = (options.frames > 1).then_some(frame.index);
-            if let Some(viewer) = &mut self.viewer {
-                images.show(viewer, &options.shot)?;
-            }
-            let _writing = interrupt::writing();
-            self.pictures.add(images.write(&options.out, number, &self.args.also, &tags)?);
-            if self.args.has(Also::Sheet) {
-                sheet.add(&images);
-            }
-            let row = self.args.row(&frame, &options.quality(), &shot.rig, time_s);
-            let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
-            self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
-            self.rows.frames.push(row);
+            self.keep(&frame, images)?;
             faults.say_new(&self.renderer, self.tracing, &self.progress);
             self.begin_frames()?;
         }
+        Ok(())
+    }
+
+    /// Records a frame and writes its images.
+    fn keep(&mut self, frame: &FrameReport, mut images: FrameImages) -> Result<(), Failure> {
+        let (options, shot) = (self.options, &self.loaded.shot);
+        let time_s = time_s(options, frame.index);
+        self.tracing.record(&options.quality(), None, frame);
+        if self.args.has(Also::Overlay) {
+            let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
+            let gaze = self.renderer.config().gaze_at(time_s);
+            match self.renderer.config().envelope.most.polar {
+                Some(polar) => images.overlay_rings(polar, gaze, &shot.rig, time_s, frame.stripe_edges()),
+                None => images.overlay(frame.stripe_edges(), rectified),
+            }
+            if let Some(foveation) = self.renderer.config().foveation() {
+                images.overlay_layers(foveation, gaze, rectified);
+            }
+        }
+        let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, time_s, frame.index);
+        images.pixel_centre = frame.pixel_centre;
+        let number = (options.frames > 1).then_some(frame.index);
+        if let Some(viewer) = &mut self.viewer {
+            images.show(viewer, &options.shot)?;
+        }
+        let _writing = interrupt::writing();
+        self.pictures.add(images.write(&options.out, number, &self.args.also, &tags)?);
+        if self.args.has(Also::Sheet) {
+            self.sheet.add(&images);
+        }
+        let row = self.args.row(frame, &options.quality(), &shot.rig, time_s);
+        let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
+        self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
+        self.rows.frames.push(row);
         Ok(())
     }
 

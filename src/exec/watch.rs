@@ -75,9 +75,9 @@ impl Renderer {
     /// fraction of the work that is done.
     ///
     /// Once the flag `ends` is set, the frame ends with the samples that it has, and [`FrameReport::spp_done`] tells how
-    /// many. Its bytes then depend on the time. A frame of one sample per pixel, or of no whole number, ignores the flag.
-    /// If the flag of [`super::Builder::stop`] is set as well, and it would take long to give each pixel a first sample, there
-    /// is no frame, but [`ExecError::Stopped`].
+    /// many. Its bytes then depend on the time. Frames of one sample or of a fractional number per pixel ignore the flag,
+    /// and so do those of several ranks. If the flag of [`super::Builder::stop`] is set as well, and it would take long
+    /// to give each pixel a first sample, there is no frame, but [`ExecError::Stopped`].
     ///
     /// # Errors
     /// Those of [`Self::render`].

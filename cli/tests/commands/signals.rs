@@ -117,6 +117,19 @@ fn interrupted_still_keeps_its_samples() {
     assert!(folder.path("left.exr").exists() && folder.path("stereo.png").exists());
 }
 
+/// Its frames take more than 200 ms each.
+#[test]
+fn interrupted_still_keeps_its_history() {
+    let folder = Folder::new();
+    let line = "render builtin:cornell --size 960x540 --spp 1 --warm-up 1000 --json --out ./";
+    let (status, said) = interrupted_at("warm_up_frame", &mut program(&folder, line), libc::SIGINT);
+    assert_eq!(status, Some(130), "{said}");
+    let report = folder.json("run.json");
+    assert_eq!(report["frames"][0]["spp"], 1);
+    assert!(report["warm_up_frames"].as_u64().unwrap() < 100, "{}", report["warm_up_frames"]);
+    assert!(folder.path("left.exr").exists());
+}
+
 #[test]
 fn time_limit_ends_a_picture_with_its_samples() {
     let folder = Folder::new();

@@ -1,0 +1,70 @@
+//! Warm-up frames, which give the denoiser a history.
+
+use super::watched::takes_long;
+use super::{Run, time_s};
+use crate::failure::Failure;
+use crate::interrupt;
+use crate::options::RenderOptions;
+use crate::output::FrameImages;
+use crate::progress::Progress;
+use diptych::exec::{FrameReport, Renderer};
+use diptych::loaded::LoadedScene;
+
+/// Makespan from which the images of a warm-up frame of a still are read back, ms: a signal may come while devices are
+/// busy with the next frame.
+const SLOW_MS: f64 = 200.0;
+
+/// Warm-up frames that are complete.
+#[derive(Default)]
+pub struct History {
+    pub frames: u32,
+    /// The last one, with its images if it was slow.
+    last: Option<(FrameReport, Option<FrameImages>)>,
+}
+
+impl History {
+    /// Renders `count` frames of the first frame's instant. A signal ends them.
+    pub fn render(
+        renderer: &mut Renderer,
+        options: &RenderOptions,
+        loaded: &LoadedScene,
+        count: u32,
+        progress: &Progress,
+    ) -> Result<Self, Failure> {
+        let mut history = Self::default();
+        for before in (1..=count).rev().take_while(|_| !interrupt::is_set()) {
+            let params = renderer.frame(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before));
+            let rendered = match takes_long(history.last_ms()) {
+                true => renderer.render_watched(&params, None, |fraction| progress.part(fraction, "history")),
+                false => renderer.render(&params),
+            };
+            let Some(frame) = interrupt::as_none(rendered.map_err(Failure::from))? else { break };
+            let event = serde_json::json!({ "event": "warm_up_frame", "makespan_ms": frame.makespan_ms });
+            progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
+            let is_read = options.frames == 1 && frame.makespan_ms > SLOW_MS;
+            let images = is_read.then(|| FrameImages::read(renderer, &options.aovs)).transpose()?;
+            history.frames += 1;
+            history.last = Some((frame, images));
+        }
+        Ok(history)
+    }
+
+    /// Returns the makespan of the last frame, ms.
+    pub fn last_ms(&self) -> Option<f64> {
+        self.last.as_ref().map(|(frame, _)| frame.makespan_ms)
+    }
+}
+
+impl Run<'_> {
+    /// Keeps the last warm-up frame in place of a still that a signal has prevented.
+    pub(super) fn keep_history(&mut self) -> Result<(), Failure> {
+        if !interrupt::is_set() || self.options.frames > 1 || !self.rows.frames.is_empty() {
+            return Ok(());
+        }
+        let Some((frame, images)) = self.history.last.take() else { return Ok(()) };
+        let read = || interrupt::as_none(FrameImages::read(&mut self.renderer, &self.options.aovs));
+        let Some(images) = images.map_or_else(read, |images| Ok(Some(images)))? else { return Ok(()) };
+        self.history.frames -= 1;
+        self.keep(&FrameReport { index: 0, ..frame }, images)
+    }
+}
