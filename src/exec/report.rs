@@ -123,8 +123,8 @@ pub struct FrameReport {
     pub pixel_centre: [f32; 2],
     /// Late-latched pose, if the frame has one.
     pub shown_from: Option<SampledPose>,
-    /// Samples of each path-traced pixel if the frame ended early, see [`super::Renderer::render_watched`]. Pixels of hole
-    /// filling may have fewer.
+    /// Samples of each path-traced pixel if the frame ended early, see [`super::Renderer::render_watched`]. Pixels of
+    /// hole filling may have fewer.
     pub spp_done: Option<u32>,
 }
 

@@ -43,7 +43,7 @@ impl Watch {
     /// Records the fraction of the work that a device has done.
     pub fn progress(&self, device: usize, fraction: f64) {
         if let Some(done) = self.done.get(device) {
-            done.store(fraction.to_bits(), Ordering::Relaxed);
+            done.store(fraction.min(1.0).to_bits(), Ordering::Relaxed);
         }
     }
 
@@ -74,10 +74,10 @@ impl Renderer {
     /// Renders a frame like [`Self::render`], in submissions of bounded time. Calls `progress` repeatedly with the
     /// fraction of the work that is done.
     ///
-    /// Once the flag `ends` is set, the frame ends with the samples that it has, and [`FrameReport::spp_done`] tells how
-    /// many. Its bytes then depend on the time. Frames of one sample or of a fractional number per pixel ignore the flag,
-    /// and so do those of several ranks. If the flag of [`super::Builder::stop`] is set as well, and it would take long
-    /// to give each pixel a first sample, there is no frame, but [`ExecError::Stopped`].
+    /// Once the flag `ends` is set, the frame ends with the samples that it has, and [`FrameReport::spp_done`] tells
+    /// how many. Its bytes then depend on the time. Frames of one sample or of a fractional number per pixel ignore the
+    /// flag, and so do those of several ranks. If the flag of [`super::Builder::stop`] is set as well, and it would take
+    /// long to give each pixel a first sample, there is no frame, but [`ExecError::Stopped`].
     ///
     /// # Errors
     /// Those of [`Self::render`].

@@ -56,8 +56,8 @@ fn words(commands: &Commands) -> Vec<String> {
     commands.list.iter().map(word).collect()
 }
 
-/// Returns the rows and the arguments of the runs that end a pass of this name early after `at`, in a frame of 16 samples,
-/// and the least number of samples.
+/// Returns the rows and the arguments of the runs that end a pass of this name early after `at`, in a frame of 16
+/// samples, and the least number of samples.
 fn ended(stage: &str, at: Position) -> (Vec<(Range<u32>, [u32; 3])>, u32) {
     let spec = FrameSpec { views: Views::Reprojected, ..FrameSpec::new(EXTENT, 1) };
     let graph = graph(&spec, &Assignment::uniform(Stripes::even(EXTENT.height, 1)), None);

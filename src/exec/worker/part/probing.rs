@@ -166,8 +166,8 @@ impl Part {
         Ok(())
     }
 
-    /// Notes that a task has taken this number of samples, if they count. In a frame that ends early, later passes reckon with the
-    /// least number.
+    /// Notes that a task has taken this number of samples, if they count. In a frame that ends early, later passes
+    /// reckon with the least number.
     fn took(&mut self, device: &WorkerDevice, samples: Option<u32>) {
         let before = self.probing.least.unwrap_or(self.job.constants.sampling.samples.least);
         let least = samples.map_or(before, |samples| before.min(samples));
