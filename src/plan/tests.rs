@@ -56,9 +56,12 @@ fn words(commands: &Commands) -> Vec<String> {
     commands.list.iter().map(word).collect()
 }
 
+/// Rows of a run, and its arguments.
+type RunOfRows = (Range<u32>, [u32; 3]);
+
 /// Returns the rows and the arguments of the runs that end a pass of this name early after `at`, in a frame of 16
 /// samples, and the least number of samples.
-fn ended(stage: &str, at: Position) -> (Vec<(Range<u32>, [u32; 3])>, u32) {
+fn ended(stage: &str, at: Position) -> (Vec<RunOfRows>, u32) {
     let spec = FrameSpec { views: Views::Reprojected, ..FrameSpec::new(EXTENT, 1) };
     let graph = graph(&spec, &Assignment::uniform(Stripes::even(EXTENT.height, 1)), None);
     let is_it = |task: &&Task| graph.pass(task).is_some_and(|pass| pass.pass.stage.name() == stage);
@@ -216,7 +219,7 @@ impl Kind {
         let graph = FrameGraph::build(&program, &assignment, self.history.then_some(&before));
         let commands = |device| {
             let dispatches = graph.tasks_of(device).iter().enumerate().filter(|(_, task)| graph.pass(task).is_some());
-            let at = |task: usize, rows: &std::ops::Range<u32>| {
+            let at = |task: usize, rows: &Range<u32>| {
                 [
                     Split { task, at: Position::start(rows) },
                     Split { task, at: Position { run: 0, row: rows.start.midpoint(rows.end) } },
