@@ -42,7 +42,7 @@ fn scale_compares_policies(folder: &Path) {
     let output = run("own_policy", &[&common[..], &policies].concat());
     let said = String::from_utf8_lossy(&output.stdout);
     assert!(said.contains("policy") && said.contains("halving"), "{said}");
-    for (file, rows) in [("scale.csv", 3), ("simulate.csv", 2)] {
+    for (file, rows) in [("scale.csv", 3), ("simulate.csv", 6)] {
         let text = std::fs::read_to_string(out.join(file)).expect("scale writes it");
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         let column = lines[0].iter().position(|name| *name == "policy").expect("there is a column of policies");
