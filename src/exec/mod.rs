@@ -28,6 +28,7 @@ mod staging;
 mod stopping;
 mod watch;
 mod watchdog;
+mod watched;
 mod wire;
 mod worker;
 mod worker_pool;

@@ -3,6 +3,7 @@
 pub mod action;
 pub mod device;
 mod part;
+mod probing_state;
 mod speeds;
 pub mod protocol;
 

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use super::critical::{What, critical_path};
+use super::deadline::{Presented, Surroundings};
 use super::event::{Args, Track, args_from};
-use super::late::{Presented, Surroundings};
 use super::summary::Step;
 use super::work::{Frame, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};

@@ -5,6 +5,7 @@
 
 pub mod compare;
 pub mod critical;
+pub mod deadline;
 mod document;
 mod event_fields;
 pub mod event;

@@ -8,9 +8,9 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
+use super::deadline::DisplayedFrame;
 use super::document::raw_trace_from_bytes;
 use super::event_fields::{Fields, TrackKey, check_counter, check_finite, whole};
-use super::late::DisplayedFrame;
 use super::rank_transfers::{HostSpan, rank_transfers};
 use super::recorder::RANK_HOST;
 use super::work::{Device, FrameTime, Order, Task, Trace};

@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use serde_json::{Map, Value};
 
+use super::deadline::{Deadline, Presented};
 use super::event::{Args, Event, FlowStep, Kind, Track, args_from};
 use super::growing::GrowingDocument;
 use super::host::{HostSpans, Spans};
-use super::late::{Deadline, Presented};
 use super::{
     DEADLINES_NAME, DEADLINES_TRACK, FIRST_DEVICE_PID, FIRST_RANK_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS,
     HOST_PID, Lane, TraceError,

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use super::deadline::DisplayedFrame;
 use super::intervals::Interval;
-use super::late::DisplayedFrame;
 use super::rank_transfers::RankTransfer;
 use super::{FIRST_DEVICE_PID, Lane};
 

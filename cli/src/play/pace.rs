@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use diptych::trace::late::Deadline;
+use diptych::trace::deadline::Deadline;
 
 /// Starts frames at the refreshes of a simulated display, which refreshes once per period. A frame is due at the next
 /// refresh, and shown at the first one at which it is complete; there the next frame starts.

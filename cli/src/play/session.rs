@@ -17,8 +17,9 @@ use diptych::loaded::LoadedScene;
 use diptych::quality::{Denoiser, FrameQuality, Quality};
 use diptych::scene::rig::Rig;
 use diptych::session::{self, Decided, View, calibrate};
+use diptych::trace::deadline::{Deadline, Presented, Surroundings};
 use diptych::trace::frames::{FrameControl, record_devices};
-use diptych::trace::late::{Deadline, LateCauses, Presented, Surroundings};
+use diptych::trace::late::LateCauses;
 
 use super::fitting_size;
 use super::heartbeat::Heartbeat;

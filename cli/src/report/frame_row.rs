@@ -17,8 +17,8 @@ use diptych::quality::{FrameQuality, Quality};
 use diptych::scene::projection::Matrices;
 use diptych::scene::rig::{Eye, Rig};
 use diptych::session::Decided;
+use diptych::trace::deadline::Presented;
 use diptych::trace::intervals;
-use diptych::trace::late::Presented;
 
 /// Decision of the control loop for a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -3,7 +3,8 @@
 use super::{cell, percent, text_table};
 use diptych::trace::Lane;
 use diptych::trace::compare::{Change, Comparison};
-use diptych::trace::late::{CauseSum, DisplayedFrame, LateSummary};
+use diptych::trace::deadline::DisplayedFrame;
+use diptych::trace::late::{CauseSum, LateSummary};
 use diptych::trace::rank_transfers::{RankTransferSummary, TransferStep};
 use diptych::trace::summary::{DeviceSummary, FrameDetail, PathShare, Step, Summary, median};
 

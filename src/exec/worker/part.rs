@@ -5,9 +5,8 @@ mod probing;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use probing::Probing;
-
 use super::device::WorkerDevice;
+use super::probing_state::Probing;
 use crate::device::DeviceFailure;
 use crate::exec::late_latching::SampledPose;
 use crate::exec::messages::{Bytes, FrameJob, FrameReply, TaskTime};

@@ -1,6 +1,5 @@
 //! Tasks that a device divides itself, since their time is unknown or they may have to end early.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -19,26 +18,6 @@ const LATER_TASKS: Duration = Duration::from_millis(300);
 /// Longest predicted time of the first samples of pixels that have none. Beyond it, a frame that should end early has
 /// no picture.
 const FIRST_SAMPLES_MS: f64 = 500.0;
-
-/// State of the tasks that a device divides itself.
-#[derive(Default)]
-pub struct Probing {
-    /// Number of submissions of each task.
-    pub submissions: HashMap<usize, u32>,
-    /// Estimated cost of the work that is done.
-    done: f64,
-    /// Instant from which tasks end early.
-    ending: Option<Instant>,
-    /// Samples of the task that has ended with the fewest, of those that count.
-    least: Option<u32>,
-}
-
-impl Probing {
-    /// Returns the samples of each pixel if the frame has ended early.
-    pub fn spp_done(&self) -> Option<u32> {
-        self.ending.and(self.least)
-    }
-}
 
 /// Estimates the cost of one path of a pass, relative to others.
 fn path_cost(pass: &Pass) -> f64 {
