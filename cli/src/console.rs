@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use anyhow::anyhow;
 
+use super::core_time::CoreTime;
 use super::failure::Failure;
 use super::given::Given;
-use super::others::CoreTime;
 use diptych::device::DevicePool;
 
 /// Where a command writes, and where it takes its devices from.

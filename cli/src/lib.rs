@@ -22,6 +22,7 @@ mod bench;
 mod commands;
 mod compare;
 mod console;
+mod core_time;
 mod disturbances;
 mod environment;
 mod export;
@@ -74,8 +75,8 @@ use std::process::ExitCode;
 
 pub use commands::run_from;
 pub use console::Console;
+pub use core_time::CoreTime;
 pub use environment::prepare_environment;
-pub use others::CoreTime;
 pub use program::Program;
 
 /// Runs the command that this process was started with, without extensions. Call [`prepare_environment`] before.

@@ -2,6 +2,7 @@
 
 mod conclusion;
 mod history;
+mod instants;
 mod watched;
 
 use std::time::Instant;
@@ -33,6 +34,7 @@ use super::tev::{self, Viewer};
 use super::{interrupt, metering, settings};
 use conclusion::conclude;
 use history::History;
+use instants::time_s;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -393,8 +395,3 @@ impl Run<'_> {
 
 /// Deviation from mid-grey, in stops, at which a picture gets a warning.
 const EVS_OFF: f64 = 4.0;
-
-/// Returns the time of a frame on the camera path, seconds.
-fn time_s(options: &RenderOptions, frame: u32) -> f64 {
-    options.settings.time + f64::from(frame) / options.fps
-}

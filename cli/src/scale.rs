@@ -1,5 +1,6 @@
 //! `diptych scale`: the same frames at several device counts.
 
+mod args;
 mod quiet;
 mod results;
 mod seen;
@@ -8,56 +9,23 @@ mod turns;
 use std::collections::BTreeSet;
 use std::time::Instant;
 
-use crate::report::scale::{Law, ScaleRow, scale_table};
+use crate::report::scale::chart::Law;
+use crate::report::scale::{ScaleRow, scale_table};
 use crate::report::simulation::{deviations, enough_nodes, simulation_csv, simulation_table};
 use diptych::image::Extent;
 use diptych::schedule::{Balance, Network};
 
 use super::failure::Failure;
-use super::options::{self, DEFAULT_FPS, RenderFlags, RenderOptions};
+use super::options::{RenderFlags, RenderOptions};
 use super::others::Others;
 use super::page::and_page;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
-use super::{interrupt, output, simulate};
+use super::{interrupt, output};
+pub use args::Args;
 use quiet::Quiet;
-pub use results::Learned;
 use results::Results;
 use turns::{Measuring, all_frames, shares};
-
-#[derive(clap::Args, Debug)]
-#[command(mut_arg("frames", |frames| frames.default_value("12").help("Timed frames per device count")))]
-pub struct Args {
-    /// Frames before the timed ones
-    #[arg(long, default_value_t = 3, help_heading = options::SCENE)]
-    warm_up: u32,
-    #[command(flatten)]
-    pub flags: RenderFlags,
-    /// Virtual devices on each adapter; one device is always measured
-    #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
-    counts: Vec<u16>,
-    /// Let the pixels grow with the devices, as in weak scaling
-    #[arg(long, conflicts_with = "simulate", help_heading = options::DEVICES)]
-    weak: bool,
-    #[command(flatten)]
-    simulation: simulate::Args,
-    /// Also write report.html
-    #[arg(long, help_heading = options::OUTPUT)]
-    report: bool,
-}
-
-impl Args {
-    /// Makes all counts have the same default of threads per device, on all ranks.
-    pub fn share_cores(&mut self) {
-        self.flags.run.most_virtual_devices = self.counts.iter().copied().max().unwrap_or(1);
-    }
-
-    /// Returns the instant of a frame in seconds. `number` counts frames from the first warm-up frame.
-    fn time_s(&self, number: u32) -> f64 {
-        self.flags.run.settings.time
-            + f64::from(number.saturating_sub(self.warm_up)) / self.flags.run.settings.fps.unwrap_or(DEFAULT_FPS)
-    }
-}
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let policies = of_policies(&args.flags)?;

@@ -14,7 +14,6 @@ use diptych::schedule::{CostModel, Network, Prediction, simulate};
 use super::failure::Failure;
 use super::options::RenderOptions;
 use super::registry::registered;
-use super::scale::Learned;
 use super::setup;
 
 #[derive(clap::Args, Debug)]
@@ -23,6 +22,16 @@ pub struct Args {
     /// Predict these device counts from measured costs; 2x4 is two nodes of four
     #[arg(long, value_delimiter = ',', value_name = "N,MxN,…")]
     simulate: Vec<Nodes>,
+}
+
+/// Costs learned from the frames of a count.
+pub struct Learned {
+    pub devices: usize,
+    pub policy: String,
+    pub oversubscribed: bool,
+    pub spec: FrameSpec,
+    /// Costs after each turn that counts.
+    pub costs: Vec<CostModel>,
 }
 
 /// A number of nodes with the same number of devices each.

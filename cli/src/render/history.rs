@@ -1,7 +1,6 @@
 //! Warm-up frames, which give the denoiser a history.
 
-use super::watched::takes_long;
-use super::{Run, time_s};
+use super::instants::{takes_long, time_s};
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::options::RenderOptions;
@@ -19,7 +18,7 @@ const SLOW_MS: f64 = 200.0;
 pub struct History {
     pub frames: u32,
     /// The last one, with its images if it was slow.
-    last: Option<(FrameReport, Option<FrameImages>)>,
+    pub last: Option<(FrameReport, Option<FrameImages>)>,
 }
 
 impl History {
@@ -52,19 +51,5 @@ impl History {
     /// Returns the makespan of the last frame, ms.
     pub fn last_ms(&self) -> Option<f64> {
         self.last.as_ref().map(|(frame, _)| frame.makespan_ms)
-    }
-}
-
-impl Run<'_> {
-    /// Keeps the last warm-up frame in place of a still that a signal has prevented.
-    pub(super) fn keep_history(&mut self) -> Result<(), Failure> {
-        if !interrupt::is_set() || self.options.frames > 1 || !self.rows.frames.is_empty() {
-            return Ok(());
-        }
-        let Some((frame, images)) = self.history.last.take() else { return Ok(()) };
-        let read = || interrupt::as_none(FrameImages::read(&mut self.renderer, &self.options.aovs));
-        let Some(images) = images.map_or_else(read, |images| Ok(Some(images)))? else { return Ok(()) };
-        self.history.frames -= 1;
-        self.keep(&FrameReport { index: 0, ..frame }, images)
     }
 }

@@ -4,17 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use super::{Run, time_s};
+use super::Run;
+use super::instants::{takes_long, time_s};
 use crate::failure::Failure;
 use crate::interrupt;
+use crate::output::FrameImages;
 use diptych::exec::FrameReport;
 use diptych::frame::settings::Settings;
-
-/// Returns true if the next frame probably takes long, and is rendered with progress; `last_ms` is the makespan of the
-/// last frame. The first one may take any time.
-pub fn takes_long(last_ms: Option<f64>) -> bool {
-    last_ms.is_none_or(|ms| ms > 500.0)
-}
 
 /// Longest time for completing a picture of the samples that a still has when a signal comes. A second signal ends it at
 /// once.
@@ -55,5 +51,17 @@ impl Run<'_> {
             ends.fetch_or(begin.elapsed() >= limit || interrupt::is_set(), Ordering::Relaxed);
         })?;
         Ok(Some(frame))
+    }
+
+    /// Keeps the last warm-up frame in place of a still that a signal has prevented.
+    pub(super) fn keep_history(&mut self) -> Result<(), Failure> {
+        if !interrupt::is_set() || self.options.frames > 1 || !self.rows.frames.is_empty() {
+            return Ok(());
+        }
+        let Some((frame, images)) = self.history.last.take() else { return Ok(()) };
+        let read = || interrupt::as_none(FrameImages::read(&mut self.renderer, &self.options.aovs));
+        let Some(images) = images.map_or_else(read, |images| Ok(Some(images)))? else { return Ok(()) };
+        self.history.frames -= 1;
+        self.keep(&FrameReport { index: 0, ..frame }, images)
     }
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::csv::Column;
 use super::intervals::interval;
-use super::study::mean;
+use super::statistics::mean;
 use super::{Chart, Csv, ReportError, Series, Table, line_chart_svg, once};
 use crate::report::play::PlaySummary;
 use diptych::control::ControllerKind;

@@ -1,6 +1,6 @@
 //! Intervals of means over few runs or turns, and of ratios measured in turns.
 
-use super::study::{deviation, mean};
+use super::statistics::{deviation, mean};
 
 /// 97.5 % quantiles of Student's t distribution with 1 to 9 degrees of freedom.
 const STUDENT_T: [f64; 9] = [12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262];

@@ -26,6 +26,7 @@ pub mod scale;
 #[cfg(test)]
 mod schema;
 pub mod simulation;
+pub mod statistics;
 pub mod study;
 pub mod table;
 mod ticks;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::csv::{Column, Csv, number};
-use super::study::{deviation, mean};
+use super::statistics::{deviation, mean};
 use super::{Chart, ReportError, Series, Table, cell, line_chart_svg, once};
 use diptych::image::Extent;
 use diptych::metrics::Pair;

@@ -1,18 +1,16 @@
 //! Reports how frame times scale with the number of devices.
 
-mod chart;
+pub mod chart;
 mod limits;
 
 use serde::Serialize;
 
 use super::csv::{Column, Csv, number, optional};
 use super::frame_row::aov_ms;
-use super::study::{interval_of_median, quartiles};
+use super::statistics::{interval_of_median, quartiles};
 use super::{Table, imbalance, median_of, percent};
 use diptych::exec::{FrameReport, TimedTask};
-use limits::{Causes, Losses};
-
-pub use chart::{Law, scale_sections, scale_svg};
+use limits::{Causes, Losses, Times};
 
 /// One row of `scale.csv`, for one device count. Values over frames are medians, and makespans exclude auxiliary
 /// images.
@@ -130,7 +128,7 @@ impl ScaleRow {
     #[must_use]
     pub fn over(self, base: Option<&ScaleRow>) -> Self {
         let Some(base) = base else {
-            let losses = Losses::of(&self, &self);
+            let losses = Losses::of(&self.times(), &self.times());
             return Self { base_devices: self.devices, speedup: 1.0, efficiency: 1.0, losses, ..self };
         };
         let speedup = self.work * base.period_ms / self.period_ms;
@@ -142,10 +140,15 @@ impl ScaleRow {
         // The median of ratios may differ from the ratio of medians.
         let interval = interval_of_median(&of_turns).map(|[low, high]| [low.min(speedup), high.max(speedup)]);
         let [speedup_low, speedup_high] = ends(interval);
-        let losses = Losses::of(&self, base);
+        let losses = Losses::of(&self.times(), &base.times());
         let limit = Some(losses.limit(self.oversubscribed || self.threads_per_device.is_some()));
         let row = Self { base_devices: base.devices, speedup, speedup_error, efficiency, ..self };
         Self { speedup_low, speedup_high, losses, limit, ..row }
+    }
+
+    fn times(&self) -> Times<'_> {
+        let &Self { devices, work, period_ms, idle_share, imbalance, ref causes, .. } = self;
+        Times { devices, work, period_ms, idle_share, imbalance, causes }
     }
 
     /// Returns a warning if the devices seem to do more than they can.

@@ -8,28 +8,18 @@ use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::lanes::median_frame;
 use crate::report::run::{FrameRow, RunReport, RunSettings};
-use crate::report::scale::{ScaleRow, scale_csv, scale_sections, scale_svg};
+use crate::report::scale::chart::{scale_sections, scale_svg};
+use crate::report::scale::{ScaleRow, scale_csv};
 use crate::report::simulation::{self, simulation_svg, simulation_table};
 use crate::report::{Csv, Table};
+use crate::simulate::Learned;
 use crate::{interrupt, output, page, settings};
 use diptych::device::DeviceInfo;
 use diptych::loaded::LoadedScene;
-use diptych::passes::FrameSpec;
-use diptych::schedule::CostModel;
 
 use super::quiet::Quiet;
 use super::seen::Seen;
 use super::turns::{Measuring, Subject};
-
-/// Costs learned from the frames of a count.
-pub struct Learned {
-    pub devices: usize,
-    pub policy: String,
-    pub oversubscribed: bool,
-    pub spec: FrameSpec,
-    /// Costs after each turn that counts.
-    pub costs: Vec<CostModel>,
-}
 
 /// Returns the number of threads of each device, if it is known and the same for all.
 fn common_threads(devices: &[DeviceInfo]) -> Option<usize> {

@@ -1,10 +1,10 @@
 //! Measures device counts in turns: each renders a timed frame before any renders the next one, so that other load on
 //! the machine affects all of them alike. The counts share devices, which compile their pipelines once.
 
+use crate::core_time::CoreTime;
 use crate::failure::Failure;
 use crate::faults::refuse_faults;
 use crate::options::RenderOptions;
-use crate::others::CoreTime;
 use crate::progress::Progress;
 use crate::report::run::aov_ms;
 use crate::setup::{self, Tracing};
@@ -16,7 +16,7 @@ use diptych::loaded::LoadedScene;
 use diptych::schedule::CostModel;
 use diptych::trace::frames::record_devices;
 
-use super::Args;
+use super::args::Args;
 
 /// Inputs that all counts share.
 pub struct Measuring<'a> {

@@ -6,7 +6,7 @@ use super::times::{FrameTimes, TRANSFERS, median_over, stage_ms};
 use crate::report::bench::Measured;
 use crate::report::frames::FrameLine;
 use crate::report::median_of;
-use crate::report::study::{deviation, interval_of_median, mean, quartiles};
+use crate::report::statistics::{deviation, interval_of_median, mean, quartiles};
 
 /// Measures of an arrangement other than its times and errors, by name.
 pub type Measures = BTreeMap<&'static str, f64>;

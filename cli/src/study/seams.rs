@@ -5,9 +5,8 @@ use anyhow::anyhow;
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::run::{FrameRow, RunReport};
-use crate::report::study::{
-    LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, quartiles, seam_csv, seam_table,
-};
+use crate::report::statistics::quartiles;
+use crate::report::study::{LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, seam_csv, seam_table};
 use crate::report::{Csv, Table};
 use diptych::device::DeviceInfo;
 use diptych::exec::Stereo;

@@ -3,13 +3,11 @@
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
-use super::rows::Repeat;
 use diptych::metrics;
 use diptych::metrics::kinds::KindError;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::rivalry::Rivalry;
 use diptych::metrics::temporal::{Change, TemporalError};
-use diptych::scene::rig::Eye;
 
 /// Metrics that tables show, in this order. Files contain these first, then all other metrics.
 pub(super) const SHOWN: [&str; 11] = [
@@ -52,11 +50,10 @@ impl Errors {
         Self(names.map(|name| (name.clone(), mean(name).into())).collect())
     }
 
-    /// Returns the errors of an eye over compared frames, and those of each frame.
-    pub(super) fn of(repeats: &[Repeat], eye: Eye) -> (Self, Vec<Self>) {
-        let found: Vec<SeenErrors> = repeats.iter().map(|r| *r.errors.of(eye)).collect();
-        let changes: Vec<Option<Change>> =
-            repeats.iter().map(|r| r.change.as_ref().map(|change| *change.of(eye))).collect();
+    /// Returns the errors of an eye over compared frames, and those of each frame. Each frame has its errors, and its
+    /// change since the frame before it.
+    pub(super) fn of(compared: impl Iterator<Item = (SeenErrors, Option<Change>)>) -> (Self, Vec<Self>) {
+        let (found, changes): (Vec<SeenErrors>, Vec<Option<Change>>) = compared.unzip();
         let flicker =
             |changes: &[Option<Change>]| TemporalError::from(changes.iter().flatten().copied().sum::<Change>()).flicker;
         let of_frame = |(i, found): (usize, &SeenErrors)| {

@@ -63,7 +63,8 @@ impl Measured {
     /// Combines the frames of a setting. The camera is at rest while they change.
     pub fn of(repeats: &[Repeat]) -> Self {
         let timed: Vec<Timed> = repeats.iter().map(|r| r.timed.clone()).collect();
-        let errors = |eye: Eye| Errors::of(repeats, eye);
+        let of_eye = |r: &Repeat, eye| (*r.errors.of(eye), r.change.as_ref().map(|change| *change.of(eye)));
+        let errors = |eye: Eye| Errors::of(repeats.iter().map(|repeat| of_eye(repeat, eye)));
         let [left, right] = [errors(Eye::Left), errors(Eye::Right)];
         let both = left.1.into_iter().zip(right.1);
         let unknown = Self {

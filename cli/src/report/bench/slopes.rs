@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::errors::NOISE_MARGIN;
 use super::rows::{Measured, SettingRow};
 use crate::report::once;
-use crate::report::study::{deviation, mean};
+use crate::report::statistics::{deviation, mean};
 use diptych::accumulation::Noise;
 use diptych::exec::Stereo;
 use diptych::quality::{Denoiser, Quality};

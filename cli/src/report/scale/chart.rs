@@ -4,12 +4,12 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::limits::limits_table;
 use super::{ScaleRow, scale_table};
+use crate::report::csv::Column;
 use crate::report::html::Section;
 use crate::report::plot::{Axis, Chart, Series, line_chart_svg};
-use crate::report::study::interval_of_median;
-use crate::report::{ReportError, once};
+use crate::report::statistics::interval_of_median;
+use crate::report::{ReportError, Table, once, percent};
 
 /// A law of scaling, fitted by least squares to the periods of a policy: the part of the time that does not become
 /// shorter with more devices.
@@ -140,4 +140,21 @@ pub fn scale_sections(rows: &[ScaleRow], figure: String) -> [Section; 2] {
             figure: None,
         },
     ]
+}
+
+/// Returns a table that shows, for each device count, what limits the speedup.
+fn limits_table(rows: &[ScaleRow]) -> Table {
+    let columns: [Column<ScaleRow>; 10] = [
+        ("devices", |row| row.devices.to_string()),
+        ("work", |row| percent(1.0 - row.losses.all())),
+        ("slower stages", |row| percent(row.losses.lost_slower)),
+        ("redundant rows", |row| percent(row.losses.lost_redundant)),
+        ("imbalance", |row| percent(row.losses.lost_imbalance)),
+        ("transfers", |row| percent(row.losses.lost_transfers)),
+        ("serial part", |row| percent(row.losses.lost_serial)),
+        ("waits", |row| percent(row.losses.lost_waits)),
+        ("limited by", |row| row.limit.unwrap_or("-").to_owned()),
+        ("critical path, of the frames' time", |row| row.critical_path.clone()),
+    ];
+    Table::new(&columns, rows).with_policies(rows.iter().map(|r| r.policy.as_str()))
 }

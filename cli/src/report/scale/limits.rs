@@ -4,9 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::ScaleRow;
-use crate::report::csv::Column;
-use crate::report::{Table, median_of, percent, shares_text};
+use crate::report::{median_of, shares_text};
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::schedule::LOSS_SHARE;
 use diptych::trace::frames::trace_from;
@@ -85,13 +83,23 @@ pub struct Losses {
     pub lost_waits: f64,
 }
 
+/// Times of a number of devices from which losses follow; the fields are those of `ScaleRow`.
+pub(super) struct Times<'a> {
+    pub devices: usize,
+    pub work: f64,
+    pub period_ms: f64,
+    pub idle_share: f64,
+    pub imbalance: f64,
+    pub causes: &'a Causes,
+}
+
 impl Losses {
-    /// Splits the time of a row's devices.
-    pub fn of(row: &ScaleRow, base: &ScaleRow) -> Self {
+    /// Splits the time of devices.
+    pub(super) fn of(row: &Times<'_>, base: &Times<'_>) -> Self {
         let busy = 1.0 - row.idle_share;
-        let busy_ms = |r: &ScaleRow| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
+        let busy_ms = |r: &Times<'_>| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
         let more = busy - busy * row.work * busy_ms(base) / busy_ms(row);
-        let lost_redundant = (busy * row.causes.redundant(&base.causes, row.work.sqrt())).min(more.max(0.0));
+        let lost_redundant = (busy * row.causes.redundant(base.causes, row.work.sqrt())).min(more.max(0.0));
         let lost_imbalance = (row.imbalance - 1.0) * busy;
         let idle = row.idle_share - lost_imbalance;
         let lost_serial = (row.causes.serial_ms / row.period_ms).min(idle.max(0.0));
@@ -108,7 +116,7 @@ impl Losses {
         }
     }
 
-    fn all(&self) -> f64 {
+    pub fn all(&self) -> f64 {
         self.lost_slower
             + self.lost_redundant
             + self.lost_imbalance
@@ -131,21 +139,4 @@ impl Losses {
         let largest = losses.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
         largest.filter(|_| self.all() > LOSS_SHARE).map_or("work", |(name, _)| name)
     }
-}
-
-/// Returns a table that shows, for each device count, what limits the speedup.
-pub(super) fn limits_table(rows: &[ScaleRow]) -> Table {
-    let columns: [Column<ScaleRow>; 10] = [
-        ("devices", |row| row.devices.to_string()),
-        ("work", |row| percent(1.0 - row.losses.all())),
-        ("slower stages", |row| percent(row.losses.lost_slower)),
-        ("redundant rows", |row| percent(row.losses.lost_redundant)),
-        ("imbalance", |row| percent(row.losses.lost_imbalance)),
-        ("transfers", |row| percent(row.losses.lost_transfers)),
-        ("serial part", |row| percent(row.losses.lost_serial)),
-        ("waits", |row| percent(row.losses.lost_waits)),
-        ("limited by", |row| row.limit.unwrap_or("-").to_owned()),
-        ("critical path, of the frames' time", |row| row.critical_path.clone()),
-    ];
-    Table::new(&columns, rows).with_policies(rows.iter().map(|r| r.policy.as_str()))
 }

@@ -1,5 +1,6 @@
 //! Tests of tables and charts of scaling.
 
+use super::chart::{Law, scale_sections, scale_svg};
 use super::*;
 
 fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> ScaleRow {
