@@ -13,6 +13,7 @@ mod help;
 mod host_trace;
 mod image_files;
 mod interface;
+mod late_frames;
 mod look;
 mod memory;
 mod measure;

@@ -101,9 +101,8 @@ table::settings! {
     Run {
         /// Time limit of a picture or a reference, s [default: none; bench, study: 600]
         ///
-        /// A single picture ends with the samples that it has, of --spp (4096 if you give none), and run.json has their
-        /// number as `spp_done`. A reference has at least one pass. Later runs of `bench` and `study` resume it, and so does
-        /// `render --reference` with passes_out.
+        /// A single picture ends with the samples that it has, `spp_done` in run.json, of --spp (4096 if not given). A
+        /// reference has at least one pass. Later runs with its passes_out, `bench` and `study` resume it.
         time_limit: Option<f64> = None, of &["render", "bench", "study"];
         /// Folder that keeps the accumulation of --reference, to resume from it
         passes_out: Option<PathBuf> = None, of &["render"];
