@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-const BEAT: Duration = Duration::from_millis(4);
+const BEAT: Duration = Duration::from_millis(8);
 /// Delay of a beat from which it counts as a pause. Schedulers wake a thread that hardly runs within a few milliseconds.
 const PAUSE: Duration = Duration::from_millis(10);
 /// Number of pauses that are kept. Frames ask for the latest only.

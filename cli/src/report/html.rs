@@ -50,6 +50,8 @@ pub fn live(kind: &str, data: &impl Serialize) -> serde_json::Result<String> {
 
 /// Cells with more characters than this get a minimum width, so that they do not wrap after each word.
 const LONG: usize = 24;
+/// Tables with more columns than this are set in small type, so that they fit on a page.
+const MANY: usize = 12;
 
 fn add(page: &mut String, section: &Section) {
     *page += &format!("<section>\n<h2>{}</h2>\n", escape(section.heading));
@@ -68,11 +70,14 @@ fn add(page: &mut String, section: &Section) {
                     (false, true) => " class=\"long\"",
                     (false, false) => "",
                 };
-                format!("<{tag}{class}>{}</{tag}>", escape(text))
+                // Long headers break after underscores.
+                let text = if tag == "th" { escape(text).replace('_', "_<wbr>") } else { escape(text) };
+                format!("<{tag}{class}>{text}</{tag}>")
             };
             format!("<tr>{}</tr>\n", cells.into_iter().enumerate().map(cell).collect::<String>())
         };
-        *page += "<div class=\"wide\"><table>\n";
+        let class = if table.headers.len() > MANY { " class=\"dense\"" } else { "" };
+        *page += &format!("<div class=\"wide\"><table{class}>\n");
         *page += &row("th", table.headers.clone());
         table.rows.iter().for_each(|cells| *page += &row("td", cells.iter().map(String::as_str).collect()));
         *page += "</table></div>\n";

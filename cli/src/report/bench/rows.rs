@@ -131,7 +131,7 @@ pub struct SettingRow {
     pub quality: Quality,
     #[serde(flatten)]
     pub measured: Measured,
-    /// True on the front of time and [`ERROR`] that the intervals show ([`front::shown`](super::front::shown)).
+    /// True on the front of time and [`ERROR`] that the intervals show.
     pub on_front: bool,
     /// True if the intervals leave open whether the setting belongs on the front.
     pub undecided: bool,
