@@ -14,7 +14,7 @@ use super::failure::Failure;
 use super::given::Given;
 use diptych::device::DevicePool;
 
-/// Where a command writes, and where it takes its devices from.
+/// Streams that a command writes to, and pool from which it takes devices.
 #[derive(Default)]
 pub struct Console {
     /// Standard output and standard error of the command, if they are not those of the process.

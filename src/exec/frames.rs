@@ -360,7 +360,7 @@ impl Frames {
     /// Reads an image of the last complete frame from its primary. The inner error is the primary's failure.
     ///
     /// # Errors
-    /// Those of [`Self::complete_with`], [`ExecError::Stuck`] if the worker did not answer with an image, and
+    /// Errors of [`Self::complete_with`], [`ExecError::Stuck`] if the worker did not answer with an image, and
     /// [`ExecError::Stopped`] if the stop flag has ended a wait.
     pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
         if self.is_stopped {

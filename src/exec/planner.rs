@@ -43,7 +43,7 @@ impl Graphs {
     /// Creates the graphs of a run on `devices` devices. `has_surfaces` is true if anything in the scene reflects light.
     ///
     /// # Errors
-    /// Those of [`Self::new`].
+    /// Errors of [`Self::new`].
     pub fn of_config(config: &RunConfig, devices: usize, has_surfaces: bool) -> Result<Self, ProgramError> {
         let capacity = config.execution.frames_in_flight + OTHER_GRAPHS;
         Self::new(config.spec(devices, has_surfaces), config.buffers.declarations.clone(), capacity)

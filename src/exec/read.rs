@@ -34,7 +34,7 @@ impl Renderer {
     /// Reads an output of the last frame's passes: the bytes of each eye's image, row after row.
     ///
     /// # Errors
-    /// Those of [`Self::read_linear`]; also [`ExecError::NoFrame`] if `image` is not an output of the frame.
+    /// Errors of [`Self::read_linear`]; also [`ExecError::NoFrame`] if `image` is not an output of the frame.
     pub fn read_output(&mut self, image: Resource) -> Result<Stereo<Vec<u8>>, ExecError> {
         let is_output = |(_, graph): &(_, Arc<FrameGraph>)| {
             graph.program.outputs().any(|number| graph.program.images()[number].resource == image)
@@ -83,7 +83,7 @@ impl Renderer {
     /// pixel.
     ///
     /// # Errors
-    /// Those of [`Self::read_linear`].
+    /// Errors of [`Self::read_linear`].
     pub fn read_display(&mut self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
         let extent = self.config.buffers.extent;
         let pixels = self.read(DISPLAY)?;
@@ -95,7 +95,7 @@ impl Renderer {
     /// channel, in the order of [`Aov::channels`].
     ///
     /// # Errors
-    /// Those of [`Self::read_linear`].
+    /// Errors of [`Self::read_linear`].
     pub fn read_aov(&mut self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
         let aov: Aov = self.config.buffers.aovs[i];
         let pixels = self.read(aov_image(i as u8))?;

@@ -196,7 +196,7 @@ impl Renderer {
     /// Renders a frame.
     ///
     /// # Errors
-    /// Those of [`Self::check`] and [`Self::finish`].
+    /// Errors of [`Self::check`] and [`Self::finish`].
     pub fn render(&mut self, params: &FrameParams) -> Result<FrameReport, ExecError> {
         self.begin(params, &[])?;
         self.finish_last(&mut |_| {})
@@ -207,7 +207,7 @@ impl Renderer {
     /// quality.
     ///
     /// # Errors
-    /// Those of [`Self::finish`].
+    /// Errors of [`Self::finish`].
     pub fn render_samples(&mut self, params: &FrameParams, samples: Range<u32>) -> Result<FrameReport, ExecError> {
         self.begin_with(params, PixelSamples::own(samples, self.config.envelope.centres_one()), &[], None)?;
         self.finish_last(&mut |_| {})
@@ -219,7 +219,7 @@ impl Renderer {
     /// in flight.
     ///
     /// # Errors
-    /// Those of [`Self::check`], and of [`Self::finish`] if the oldest frame is finished first.
+    /// Errors of [`Self::check`], and of [`Self::finish`] if the oldest frame is finished first.
     pub fn begin(&mut self, params: &FrameParams, reads: &[Resource]) -> Result<(), ExecError> {
         self.check(params)?;
         let centres_one = self.config.envelope.centres_one();

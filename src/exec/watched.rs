@@ -19,7 +19,7 @@ impl Renderer {
     /// long to give each pixel a first sample, there is no frame, but [`ExecError::Stopped`].
     ///
     /// # Errors
-    /// Those of [`Self::render`].
+    /// Errors of [`Self::render`].
     pub fn render_watched(
         &mut self,
         params: &FrameParams,
@@ -35,7 +35,7 @@ impl Renderer {
     /// [`Self::render_watched`].
     ///
     /// # Errors
-    /// Those of [`Self::render`].
+    /// Errors of [`Self::render`].
     pub fn render_samples_watched(
         &mut self,
         params: &FrameParams,

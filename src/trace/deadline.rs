@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::exec::FrameReport;
 
 /// Times of a frame on a display, milliseconds since the renderer's origin.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deadline {
     /// Refresh at which the frame was to start.
     pub refresh_ms: f64,
@@ -55,7 +55,7 @@ pub struct Surroundings {
 }
 
 /// A frame on a display.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Presented {
     pub deadline: Deadline,
     /// Cause of the missed deadline; `None` for a frame in time.

@@ -5,7 +5,7 @@ use super::rows::{Measured, SettingRow};
 use crate::report::intervals::ratio_interval;
 use diptych::control::{MIN_STEP, front};
 
-/// What the interval of the ratio of two times or errors shows.
+/// Comparison of two times or errors, by the interval of their ratio.
 #[derive(Clone, Copy, Default, PartialEq)]
 struct Shown {
     is_less: bool,
