@@ -138,7 +138,7 @@ impl Session {
         let mut control = FrameControl { rung, budget_ms: self.budget_ms(), expected_ms, fits, shown: None };
         if let Some(deadline) = deadline {
             row.miss(deadline.missed_periods);
-            let around = Surroundings { others: self.others.share(), ..self.surroundings(frame.index, &deadline) };
+            let around = self.surroundings(frame.index, &deadline);
             let cause = self.causes.cause(frame, &deadline, &control, &around);
             let shown = control.shown.insert(Presented { deadline, cause, around });
             row.deadline = Some(DeadlineRow::new(frame, shown));
@@ -146,10 +146,10 @@ impl Session {
         self.tracing.record(self.quality(rung), Some(&control), frame);
     }
 
-    fn surroundings(&self, index: u32, deadline: &Deadline) -> Surroundings {
+    fn surroundings(&mut self, index: u32, deadline: &Deadline) -> Surroundings {
         let at = |ms: f64| self.tracing.recorder.origin() + Duration::from_secs_f64(ms.max(0.0) / 1e3);
         let paused_ms = self.heartbeat.paused_ms(at(deadline.refresh_ms), at(deadline.complete_ms));
-        Surroundings { event: self.event(index), others: None, paused_ms }
+        Surroundings { event: self.event(index), others: self.others.share(), paused_ms }
     }
 
     /// Describes the disturbance or the fault of a frame, if there is one.
