@@ -119,7 +119,7 @@ fn page_of_scale_is_complete() {
         assert!(page.contains(&format!("<h2>{heading}</h2>")), "no {heading}");
     }
     assert!(page.contains("All counts gave the same bytes."));
-    assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (2, 6));
+    assert_eq!((page.matches("<svg").count(), page.matches("</table>").count()), (2, 6));
     assert!(page.contains(run.text("scale.svg").trim()));
     assert_eq!(run.text("simulate.csv").lines().count(), 4);
 }
