@@ -6,6 +6,7 @@ use std::ffi::OsString;
 use std::fmt::Arguments;
 use std::io::{self, IsTerminal, Write};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::Instant;
 
 use anyhow::anyhow;
 
@@ -57,6 +58,7 @@ struct Run {
     console: Console,
     args: Vec<OsString>,
     given: OnceLock<Arc<Given>>,
+    begun: OnceLock<Instant>,
     /// The first error of standard output.
     failed: OnceLock<io::Error>,
 }
@@ -76,7 +78,7 @@ impl Drop for Entered {
 
 /// Begins a command with these arguments, the name of the program first, on this thread.
 pub fn begin(args: Vec<OsString>, console: Console) -> Entered {
-    Entered(RUN.replace(Arc::new(Run { console, args, ..Run::default() })))
+    Entered(RUN.replace(Arc::new(Run { console, args, begun: Instant::now().into(), ..Run::default() })))
 }
 
 /// Returns a function that lets another thread take part in the command of this one.
@@ -93,6 +95,11 @@ fn run() -> Arc<Run> {
 /// Returns the arguments of this command, the name of the program first.
 pub fn args() -> Vec<OsString> {
     run().args.clone()
+}
+
+/// Returns when this command began; now if none has.
+pub fn begun() -> Instant {
+    *run().begun.get_or_init(Instant::now)
 }
 
 /// Returns the command line. Bytes that are not UTF-8 become replacement characters.

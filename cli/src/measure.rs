@@ -61,12 +61,15 @@ struct Place<'a> {
 pub fn run(args: &Options) -> Result<(), Failure> {
     let (ready, adapters) = ready()?;
     output::prepare(&args.out, "--out")?;
-    let loaded = SCENES.iter().map(|scene| Ok(LoadedScene::load(&format!("builtin:{}", scene.name))?));
-    let loaded = loaded.collect::<Result<Vec<_>, Failure>>()?;
     let per_scene = args.sizes.len() + WITHIN_MS.len() + 1;
     let other = |a: &AdapterReport| if a.ray_queries { 2 * SCENES.len() } else { 0 };
     let steps: usize = ready.iter().map(|a| SCENES.len() * per_scene + other(a)).sum();
     let mut measuring = Measuring::begin(args, steps + 2, adapters)?;
+    let loaded = SCENES.iter().map(|scene| {
+        measuring.progress.part(0.0, "loading");
+        Ok(LoadedScene::load(&format!("builtin:{}", scene.name))?)
+    });
+    let loaded = loaded.collect::<Result<Vec<_>, Failure>>()?;
     match measuring.all_adapters(&ready, &loaded) {
         Err(Failure::Interrupted) if !measuring.machine.frames.is_empty() => {
             measuring.machine.left_out.push("everything after the signal that ended this measurement".to_owned());
@@ -248,6 +251,10 @@ impl<'a> Measuring<'a> {
 
     /// Renders some frames of a size and returns their reports, without those of the first frames.
     fn time(&mut self, loaded: &LoadedScene, size: Extent) -> Result<Vec<FrameReport>, Failure> {
+        let tell = |progress: &Progress, timed: usize| {
+            progress.part(timed as f64 / FRAMES as f64, &format!("{} at {size}", loaded.shot.name));
+        };
+        tell(&self.progress, 0);
         let mut renderer = self.renderer(loaded, size, self.machine.quality)?;
         let (begin, limit) = (Instant::now(), self.all().mul_f64(LONGEST_CELL));
         let mut timed = Vec::new();
@@ -257,6 +264,7 @@ impl<'a> Measuring<'a> {
             let frame = renderer.frame(&loaded.shot.rig, f64::from(index) / FPS, index);
             let report = renderer.render(&frame)?;
             index += 1;
+            tell(&self.progress, timed.len());
             if index > WARM_UP || begin.elapsed() > limit / 2 {
                 timed.push(report);
             }

@@ -18,7 +18,7 @@ pub struct Progress {
     told: Cell<Option<Instant>>,
 }
 
-/// Time until the first line, and the minimum interval between two lines.
+/// Time from the beginning of the command to the first line, and the minimum interval between two lines.
 const FIRST: Duration = Duration::from_secs(1);
 const INTERVAL: Duration = Duration::from_secs(5);
 /// Minimum interval between two events about a part of a step.
@@ -90,7 +90,7 @@ impl Progress {
             bar
         });
         let has_lines = !quiet && !json && bar.is_none();
-        let lines = Lines { steps, unit, due: Instant::now() + FIRST };
+        let lines = Lines { steps, unit, due: console::begun() + FIRST };
         let lines = has_lines.then(|| RefCell::new(lines));
         Self { bar, json: json && !quiet, lines, steps, done: Cell::new(0), told: Cell::new(None) }
     }

@@ -53,6 +53,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let start = |(options, each, devices): (RenderOptions, usize, usize)| {
         interrupt::check()?;
+        progress.part(0.0, "starting");
         let shared = gpus.shared(|index| index % most < each && (devices > 1 || index == 0));
         let options = if args.weak { with_pixels(options, devices as f64) } else { options };
         let mut own = shared.map_or_else(|| setup::open_devices(&options, each), Ok)?;

@@ -52,8 +52,9 @@ pub fn start(
         setup::renderer(&options, loaded, gpus, tracing.recorder.origin())
     };
     let (asked, budget) = (prepared.render.settings.size, prepared.options.budget_ms);
-    let mut renderer = of_size(prepared, asked, gpus)?;
     let timing = format!("timing {asked}");
+    progress.phase_part(&timing, 0.0);
+    let mut renderer = of_size(prepared, asked, gpus)?;
     let cheapest_ms = cheapest_ms(prepared, loaded, &mut renderer, &|fraction| progress.phase_part(&timing, fraction))?;
     if cheapest_ms <= budget.hi_ms() {
         return Ok((renderer, None));

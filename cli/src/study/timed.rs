@@ -60,6 +60,7 @@ impl Timed<'_> {
             gpus.truncate(1);
         }
         let begin = Instant::now();
+        progress.part(0.0, "starting");
         let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
         let warm_up_s = begin.elapsed().as_secs_f64();
         record_devices(&tracing.recorder, renderer.devices());

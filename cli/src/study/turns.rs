@@ -48,6 +48,7 @@ impl<'a> Turns<'a> {
             let what = "motion: the experiment needs equal projections for both eyes, but the recording sets its own";
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
+        self.progress.part(0.0, "starting");
         let renderer = setup::renderer(&options, self.loaded, gpus, self.tracing.recorder.origin())?;
         record_devices(&self.tracing.recorder, renderer.devices());
         self.renderers.push(renderer);
