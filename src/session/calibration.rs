@@ -181,8 +181,8 @@ impl<'a> Calibration<'a> {
         Ok(self.renderer.render(&FrameParams { quality, relative_cost, ..frame })?)
     }
 
-    /// Returns, for each number of bounces, the fraction of all light that is missing because paths end there. Where the fraction was not measured, it is extrapolated from that of the fewest bounces and halves with each further
-    /// bounce.
+    /// Returns, for each number of bounces, the fraction of all light that is missing because paths end there. Where the
+    /// fraction was not measured, it is extrapolated from that of the fewest bounces and halves with each further bounce.
     fn missing_light(&self) -> HashMap<u32, f64> {
         let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
         // Only frames of the same samples have the same random numbers.
