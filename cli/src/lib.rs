@@ -47,6 +47,7 @@ mod page;
 mod pictures;
 mod play;
 mod program;
+mod preview;
 mod progress;
 #[cfg(feature = "python")]
 mod python;

@@ -109,7 +109,7 @@ const LEAST_WIDTH: u32 = 64;
 const REDUCTION: u32 = 4;
 
 /// Returns the options of a small frame without foveation or injected faults.
-fn small(options: &RenderOptions) -> RenderOptions {
+pub fn small(options: &RenderOptions) -> RenderOptions {
     let mut run = options.run.clone();
     let Extent { width, height } = run.settings.size;
     let narrow = (width / REDUCTION).max(LEAST_WIDTH).min(width);

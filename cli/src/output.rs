@@ -96,6 +96,8 @@ pub enum Also {
     Anaglyph,
     /// The left eye above the right in stereo.png, not beside it
     OverUnder,
+    /// The picture so far of --reference or of warm-up frames, each second, preview.png
+    Preview,
     /// Auxiliary images as layers of left.exr and right.exr, such as normal.X, and not as files of their own
     Layers,
     /// Frames in the viewer tev, which listens at 127.0.0.1:14158 or at $TEV

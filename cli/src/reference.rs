@@ -19,6 +19,7 @@ use super::failure::Failure;
 use super::interrupt::INTERRUPTED;
 use super::options::{RenderFlags, RenderOptions};
 use super::output;
+use super::preview::Preview;
 use super::progress::Progress;
 use super::setup::{self, Tracing};
 
@@ -28,6 +29,9 @@ pub const PASS_SPP: u32 = 8;
 
 /// Default samples per pixel of a reference.
 const SPP: u32 = 256;
+
+/// Most samples per pixel, by default, of a reference with a wanted noise.
+const NOISE_SPP: u32 = 1 << 20;
 
 /// Settings that a reference overrides, and the reasons, which follow the words "a reference".
 pub const OVERRULED: [(&str, &str); 9] = [
@@ -51,6 +55,8 @@ pub struct Plan {
     time_limit: Option<Duration>,
     /// Folder of the checkpoints, if they are kept.
     folder: Option<PathBuf>,
+    /// File of the picture so far, if it is wanted.
+    pub preview: Option<Preview>,
     /// Ray traversal that the selected devices use.
     traversal: Traversal,
 }
@@ -81,7 +87,11 @@ impl Plan {
                 ));
             }
         }
-        let spp = if settings.is_given("spp") { settings.spp } else { SPP.into() };
+        let spp = match settings.noise {
+            _ if settings.is_given("spp") => settings.spp,
+            Some(_) => NOISE_SPP.into(),
+            None => SPP.into(),
+        };
         if spp.varies() {
             return wrong(format!("--reference takes a whole number of samples, not --spp {spp}"));
         }
@@ -111,11 +121,15 @@ impl Plan {
         let settings = &mut options.run.settings;
         (settings.reproject, settings.clamp) = (false, 0.0);
         let traversal = setup::traversal(&options)?;
-        Ok(Self { options, spp, time_limit, folder: None, traversal })
+        Ok(Self { options, spp, time_limit, folder: None, preview: None, traversal })
     }
 
     pub fn spp(&self) -> u32 {
         self.spp
+    }
+
+    pub fn set_spp(&mut self, spp: u32) {
+        self.spp = spp;
     }
 
     pub fn traversal(&self) -> Traversal {
@@ -199,19 +213,22 @@ impl Plan {
             stop: &INTERRUPTED,
             progress: &|samples, fraction| bar.part_of(u64::from(samples), fraction, "reference"),
         };
-        let (mut report, mut number, mut preview) = (None, 0, Ok(()));
+        let (mut report, mut number, mut kept) = (None, 0, Ok(()));
         let done = accumulate(renderer, &job, begun, |pass| {
             // The trace numbers passes consecutively.
             tracing.record(&self.options.quality(), None, &FrameReport { index: number, ..pass.report.clone() });
             number += 1;
             fold(&mut report, pass.report);
             progress.pass(pass.accumulation.samples(), pass.elapsed_s, pass.left_s);
-            if let Some(checkpoint) = checkpoint.as_ref().filter(|_| pass.saved && preview.is_ok()) {
-                preview = write_preview(checkpoint, pass.accumulation, &loaded.shot);
+            if let Some(checkpoint) = checkpoint.as_ref().filter(|_| pass.saved && kept.is_ok()) {
+                kept = write_preview(checkpoint, pass.accumulation, &loaded.shot);
+            }
+            if let Some(preview) = self.preview.as_ref().filter(|_| kept.is_ok()) {
+                kept = preview.show(|| Ok(display(pass.accumulation, &loaded.shot)));
             }
         })?;
         bar.finish();
-        preview?;
+        kept?;
         Ok(Accumulated { row: self.row(frame, resumed_spp, &done), accumulation: done.accumulation, report })
     }
 

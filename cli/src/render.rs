@@ -3,6 +3,8 @@
 mod conclusion;
 mod history;
 mod instants;
+mod noise;
+mod references;
 mod watched;
 
 use std::time::Instant;
@@ -16,7 +18,6 @@ use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
 use diptych::image::display::mid_grey_ev;
 use diptych::loaded::LoadedScene;
-use diptych::passes::Aov;
 use diptych::quality::{Denoiser, Quality};
 use diptych::scene::rig::Rig;
 use diptych::trace::frames::record_devices;
@@ -27,8 +28,9 @@ use super::options::{self, RenderFlags, RenderOptions};
 use super::others::Others;
 use super::output::{self, Also, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
+use super::preview::Preview;
 use super::progress::Progress;
-use super::reference::{self, Plan};
+use super::reference::Plan;
 use super::setup::{self, Tracing};
 use super::tev::{self, Viewer};
 use super::{interrupt, metering, settings};
@@ -53,16 +55,18 @@ pub struct Args {
     also: Vec<Also>,
     /// Warm-up frames, not saved [default: 0; enough for 16 spp if --frames is 1]
     ///
-    /// These frames give the denoiser a history. A single frame with svgf or bmfr follows enough frames of the same
-    /// instant to give each pixel 16 samples in total. In all other cases the default is 0.
+    /// These frames give the denoiser a history. A single frame with svgf or bmfr and fewer than 16 samples per pixel
+    /// follows enough frames of the same instant to give each pixel 16 samples in total. In all other cases the default
+    /// is 0.
     #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: Option<u32>,
 }
 
-/// Samples per pixel that a single frame with history accumulates by default.
+/// Samples per pixel that a still with history has by default, in all. In a single frame of 16 samples, pixels far from
+/// the mean of their neighbours remain as speckle, though its FLIP is lower where noise is high.
 const STILL_SPP: u32 = 16;
 
-/// Default samples per pixel of a single frame with a time limit.
+/// Most samples per pixel, by default, of frames with a time limit or a wanted noise.
 const LIMITED_SPP: u32 = 4096;
 
 impl Args {
@@ -81,17 +85,20 @@ impl Args {
             let can_end = settings.spp.least > 1 && !settings.spp.varies();
             ensure!(can_end, "--time-limit needs a whole number of at least 2 samples, not --spp {}", settings.spp);
         }
+        let is_whole = settings.noise.is_none() || !settings.spp.varies();
+        ensure!(is_whole, "--noise needs a whole number of samples at most, not --spp {}", settings.spp);
         for what in [Also::Sheet, Also::Tev].into_iter().filter(|what| self.has(*what)) {
             ensure!(!self.reference, "--reference cannot be combined with --also {what:?}");
         }
         Ok(())
     }
 
-    /// Chooses a number of samples that a time limit ends early, if the command line gives none.
+    /// Chooses the most samples for a time limit or a wanted noise, if the command line gives none.
     fn with_samples(&self) -> Self {
         let mut args = self.clone();
         let settings = &mut args.flags.run.settings;
-        if settings.time_limit.is_some() && !settings.is_given("spp") && !args.reference {
+        let is_limited = settings.time_limit.is_some() || settings.noise.is_some();
+        if is_limited && !settings.is_given("spp") && !args.reference {
             settings.spp = LIMITED_SPP.into();
         }
         args
@@ -103,6 +110,11 @@ impl Args {
         let is_still = options.frames == 1 && quality.denoiser().is_some_and(Denoiser::keeps_history);
         let default = if is_still { STILL_SPP.div_ceil(quality.spp.least) - 1 } else { 0 };
         self.warm_up.unwrap_or(default)
+    }
+
+    fn progress(&self, options: &RenderOptions) -> Progress {
+        let frames = self.warm_up_frames(options) + options.frames;
+        Progress::new(frames.into(), options.quiet, options.json)
     }
 
     /// Returns a frame's entry in run.json.
@@ -123,22 +135,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let args = &args.with_samples();
     args.check().map_err(Failure::Input)?;
     let flags = &args.flags;
-    let plan = args.reference.then(|| Plan::asked_for(flags)).transpose()?;
+    let mut plan = args.reference.then(|| Plan::asked_for(flags)).transpose()?;
     let options = plan.as_ref().map_or_else(|| flags.options(), |plan| Ok(plan.options.clone()));
-    let options = &options.map_err(Failure::Input)?;
+    let mut options = options.map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let mut others = Others::begin();
-    // Without a trace, nobody looks at times.
-    let tell = |progress: &Progress, warning: Option<String>| {
-        warning.iter().filter(|_| options.trace.is_some()).for_each(|warning| progress.warn(warning));
-    };
     let viewer = args.has(Also::Tev).then(|| Viewer::connect(&tev::address())).transpose()?;
-    let tracing = Tracing::start(options)?;
-    let warm_up_frames = args.warm_up_frames(options);
-    let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
+    let tracing = Tracing::start(&options)?;
+    let mut progress = args.progress(&options);
     progress.phase("loading");
-    let mut loaded = setup::load(options)?;
+    let mut loaded = setup::load(&options)?;
     setup::tell_remarks(&loaded.scene);
     if args.has(Also::Overlay) && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
         let what = "--also overlay does not support polar --foveation with the eye projections of head motion: drop \
@@ -146,20 +153,38 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     if let Some(warning) =
-        setup::beyond_path(&loaded.shot.rig, options.settings.time, time_s(options, options.frames - 1))
+        setup::beyond_path(&loaded.shot.rig, options.settings.time, time_s(&options, options.frames - 1))
     {
         progress.warn(&warning);
     }
-    if let Some(plan) = &plan {
+    let mut preview = args.has(Also::Preview).then(|| Preview::new(&options.out));
+    if let Some(plan) = &mut plan {
+        plan.preview = preview.take();
         plan.prepare(&loaded, "passes_out")?;
     }
-    let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
-    let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
+    let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
+    let mut gpus = metering::meter(&options, &mut loaded, gpus, &progress)?;
+    if let Some(wanted) = options.settings.noise {
+        let most = plan.as_ref().map_or(options.quality().spp.least, Plan::spp);
+        let spp;
+        (gpus, spp) = noise::samples_for(wanted, most, &options, &loaded, gpus, &progress)?;
+        match &mut plan {
+            Some(plan) => plan.set_spp(spp),
+            None => options.envelope = Quality { spp: spp.into(), ..options.quality() }.into(),
+        }
+        progress = args.progress(&options);
+    }
+    let options = &options;
+    // Without a trace, nobody looks at times.
+    let tell = |progress: &Progress, warning: Option<String>| {
+        warning.iter().filter(|_| options.trace.is_some()).for_each(|warning| progress.warn(warning));
+    };
     progress.phase("warming up");
     let warm_up = Instant::now();
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
-    let history = History::render(&mut renderer, options, &loaded, warm_up_frames, &progress)?;
+    let warm_up_frames = args.warm_up_frames(options);
+    let history = History::render(&mut renderer, options, &loaded, warm_up_frames, &progress, preview.as_ref())?;
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     tell(&progress, others.begin_frames());
     let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
@@ -335,60 +360,6 @@ impl Run<'_> {
             self.renderer.begin(&params, &reads)?;
             self.begun += 1;
         }
-        Ok(())
-    }
-
-    fn references(&mut self, plan: &Plan) -> Result<(), Failure> {
-        let mut faults = FaultLog::default();
-        self.progress.finish();
-        for i in (0..plan.options.frames).take_while(|_| !interrupt::is_set()) {
-            self.reference(plan, i)?;
-            faults.say_new(&self.renderer, self.tracing, &self.progress);
-        }
-        Ok(())
-    }
-
-    /// Renders a reference. Auxiliary images are those of the first pass, even in a resumed run.
-    fn reference(&mut self, plan: &Plan, index: u32) -> Result<(), Failure> {
-        let Self { args, loaded, renderer, rows, .. } = self;
-        let (options, shot) = (&plan.options, &loaded.shot);
-        let begun = plan.begun(loaded, index)?;
-        let done = plan.accumulate(renderer, loaded, index, begun, self.tracing)?;
-        if done.row.spp == 0 {
-            // Only a signal ends a reference before its first pass.
-            return interrupt::check();
-        }
-        let mut images = FrameImages {
-            linear: done.accumulation.mean(),
-            display: reference::display(&done.accumulation, shot),
-            aovs: Vec::new(),
-            pixel_centre: [0.5; 2],
-        };
-        if !options.aovs.is_empty() {
-            let params = renderer.frame(&shot.rig, plan.time_s(index), index);
-            // After a signal, devices may be too busy to render them.
-            let rendered = interrupt::as_none(renderer.render(&params).map_err(Failure::from))?;
-            if let Some(report) = rendered {
-                images.pixel_centre = report.pixel_centre;
-                images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
-            }
-            for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
-                spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
-            }
-        }
-        if let Some(report) = done.report {
-            if args.has(Also::Overlay) {
-                let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
-                images.overlay(report.stripe_edges(), rectified);
-            }
-            let quality = Quality { spp: done.row.spp.into(), ..options.quality() };
-            rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
-        }
-        let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, plan.time_s(index), index);
-        rows.references.push(done.row);
-        let number = (options.frames > 1).then_some(index);
-        let _writing = interrupt::writing();
-        self.pictures.add(images.write(&options.out, number, &args.also, &tags)?);
         Ok(())
     }
 }

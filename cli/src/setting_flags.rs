@@ -39,7 +39,7 @@ pub const FLAGS: [(&str, &str); 9] = [
     (
         "render",
         "position target yfov metres_per_unit gaze exposure environment animation time fps allow_outside size spp bounces denoiser \
-         iterations foveation reproject cache time_limit seed seam devices threads_per_device balance ratios aov disturb",
+         iterations foveation reproject cache noise time_limit seed seam devices threads_per_device balance ratios aov disturb",
     ),
     ("play", LOOP),
     ("view", LOOP),
@@ -56,8 +56,19 @@ const LOOP: &str =
     "metres_per_unit fps size denoiser iterations foveation reproject devices threads_per_device balance disturb";
 
 /// Settings whose flags only the long help shows.
-const RARE: [&str; 10] =
-    ["yfov", "metres_per_unit", "gaze", "animation", "time", "allow_outside", "seed", "cache", "disturb", "time_limit"];
+const RARE: [&str; 11] = [
+    "yfov",
+    "metres_per_unit",
+    "gaze",
+    "animation",
+    "time",
+    "allow_outside",
+    "seed",
+    "cache",
+    "disturb",
+    "time_limit",
+    "noise",
+];
 
 /// Returns a command with the flags of settings, whose keys have spaces between them.
 pub fn with_flags(command: Command, keys: &str) -> Command {

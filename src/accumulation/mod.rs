@@ -112,12 +112,16 @@ impl Accumulation {
         let [a, b] = &self.halves;
         let [n_a, n_b] = [a, b].map(|h| f64::from(h.samples));
         let share = n_a * n_b / (n_a + n_b).powi(2);
-        let mean = |h: &Half, e: usize| -> Vec<[f64; 3]> {
-            h.sums[e].iter().map(|p| p.map(|c| c / f64::from(h.samples))).collect()
-        };
+        // Differences are relative to the mean over all samples, which is less noisy than that of a half.
         let eye = |e: usize| {
-            let (a, b) = (mean(a, e), mean(b, e));
-            Noise { rmse: error::rmse(&a, &b) * share.sqrt(), relmse: error::relmse(&a, &b) * share }
+            let pixels = a.sums[e].iter().zip(&b.sums[e]);
+            let (mean, off): (Vec<[f64; 3]>, Vec<[f64; 3]>) = pixels
+                .map(|(a, b)| {
+                    let mean: [f64; 3] = std::array::from_fn(|c| (a[c] + b[c]) / (n_a + n_b));
+                    (mean, std::array::from_fn(|c| mean[c] + a[c] / n_a - b[c] / n_b))
+                })
+                .unzip();
+            Noise { rmse: error::rmse(&mean, &off) * share.sqrt(), relmse: error::relmse(&mean, &off) * share }
         };
         (share > 0.0).then(|| Stereo { left: eye(0), right: eye(1) })
     }

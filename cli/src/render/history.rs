@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use crate::interrupt;
 use crate::options::RenderOptions;
 use crate::output::FrameImages;
+use crate::preview::Preview;
 use crate::progress::Progress;
 use diptych::exec::{FrameReport, Renderer};
 use diptych::loaded::LoadedScene;
@@ -29,6 +30,7 @@ impl History {
         loaded: &LoadedScene,
         count: u32,
         progress: &Progress,
+        preview: Option<&Preview>,
     ) -> Result<Self, Failure> {
         let mut history = Self::default();
         for before in (1..=count).rev().take_while(|_| !interrupt::is_set()) {
@@ -40,6 +42,7 @@ impl History {
             let Some(frame) = interrupt::as_none(rendered.map_err(Failure::from))? else { break };
             let event = serde_json::json!({ "event": "warm_up_frame", "makespan_ms": frame.makespan_ms });
             progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
+            preview.map_or(Ok(()), |file| file.show(|| Ok(FrameImages::read(renderer, &[])?.display)))?;
             let is_read = options.frames == 1 && frame.makespan_ms > SLOW_MS;
             let images = is_read.then(|| FrameImages::read(renderer, &options.aovs)).transpose()?;
             history.frames += 1;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use crate::common::Folder;
 use diptych::image::RgbImage;
 use diptych::image::exr::read_rgb;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// Renders the box in passes; returns the result's entry for the reference.
 #[track_caller]
@@ -163,6 +163,30 @@ fn time_limit_ends_a_reference_early() {
     assert!((8..1_000_000).contains(&spp) && spp.is_multiple_of(8), "{row}");
     render(&folder, "whole", &format!("--spp {spp}"));
     folder.assert_same_eyes("limited", "whole");
+}
+
+/// The pilot has a fourth of the width, so the noise differs by up to a third.
+#[test]
+fn wanted_noise_sets_the_number_of_samples() {
+    let folder = Folder::new();
+    let render = |out: &str, options: &str| {
+        folder.run(&format!("render builtin:studio --size 96x54 --bounces 2 --quiet --out ./{out} {options}"));
+        folder.json(&format!("{out}/run.json"))
+    };
+    let reference = |wanted: f64| {
+        let run = render("reference", &format!("--reference --noise {wanted}"));
+        let row = &run["references"][0];
+        let relmse = ["left", "right"].map(|eye| row["noise"][eye]["relmse"].as_f64().unwrap());
+        (row["spp"].as_f64().unwrap(), relmse[0].max(relmse[1]).sqrt())
+    };
+    let [(some, _), (more, noise)] = [reference(0.2), reference(0.1)];
+    assert!((3.8..4.2).contains(&(more / some)), "{more} and {some} samples");
+    assert!((0.066..0.133).contains(&noise), "{noise}");
+
+    let still = render("still", "--noise 0.1");
+    assert_eq!([&still["frames"][0]["spp"], &still["settings"]["spp"]], [&json!(more as u32); 2]);
+    let bounded = render("bounded", "--noise 0.001 --spp 2 --warm-up 0");
+    assert_eq!(bounded["frames"][0]["spp"], 2);
 }
 
 /// Half of the picture is sky or the white sphere's front, which show radiance 1 in every sample.

@@ -90,6 +90,8 @@ fn rejects_invalid_options_of_references() {
     --spp {1 2.5} --time-limit 5 => --time-limit needs a whole number of at least 2 samples
     --set passes_out=./x => --reference
     --reference --set time_limit={0 -1 nan soon} => time_limit
+    --set noise={0 -1 nan soon} => noise
+    --noise 0.1 --spp 2.5 => --noise needs a whole number
     --reference --set pass_spp={0 1 12 8192} => pass_spp
     --reference --denoiser svgf => a reference
     --reference --iterations 3 => a reference

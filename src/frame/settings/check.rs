@@ -40,6 +40,7 @@ impl Settings {
     fn check_run(&self) -> Result<(), SettingError> {
         let invalid = |key, value: String, why: &str| Err(SettingError::Invalid { key, value, why: why.to_owned() });
         within("time_limit", self.time_limit.unwrap_or(1.0), f64::MIN_POSITIVE..=1e9)?;
+        within("noise", self.noise.unwrap_or(1.0), f64::MIN_POSITIVE..=1e9)?;
         if !self.pass_spp.is_power_of_two() || !(2..=4096).contains(&self.pass_spp) {
             return invalid("pass_spp", self.pass_spp.to_string(), "give a power of two, 2 to 4096");
         }

@@ -104,6 +104,11 @@ table::settings! {
         /// A single picture ends with the samples that it has, `spp_done` in run.json, of --spp (4096 if not given). A
         /// reference has at least one pass. Later runs with its passes_out, `bench` and `study` resume it.
         time_limit: Option<f64> = None, of &["render", "bench", "study"];
+        /// Relative noise of a picture's samples, such as 0.05, which sets their number
+        ///
+        /// The noise is the root of relMSE that the samples have before the denoiser. A frame of a quarter of the width
+        /// tells how many samples that takes. --spp is then the maximum.
+        noise: Option<f64> = None, of &["render"];
         /// Folder that keeps the accumulation of --reference, to resume from it
         passes_out: Option<PathBuf> = None, of &["render"];
         /// Samples of --reference per pass, a power of two
