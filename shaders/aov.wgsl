@@ -82,6 +82,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 value = select(value, first.albedo, samples_of(pixel) == 1u || is_followed);
             }
         }
+        case EMISSION: {
+            value = emission_image[at].rgb;
+        }
         case DEPTH: {
             value = vec3<f32>(depth);
         }

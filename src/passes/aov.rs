@@ -62,6 +62,8 @@ aovs! {
     ShownNormal = "shown_normal",
     /// Position of its image, on the pixel's ray, world space, scene units; approximate in curved mirrors and lenses
     VirtualPosition = "virtual_position",
+    /// Light that is not denoised, linear RGB: emission, and direct light with hard shadows
+    Emission = "emission",
 }
 
 impl Aov {
@@ -73,7 +75,9 @@ impl Aov {
     /// Returns the names of the channels in use.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
-            Self::Albedo | Self::BaseColor | Self::DiffuseAlbedo | Self::SpecularAlbedo => &["R", "G", "B"],
+            Self::Albedo | Self::BaseColor | Self::DiffuseAlbedo | Self::SpecularAlbedo | Self::Emission => {
+                &["R", "G", "B"]
+            }
             Self::Normal
             | Self::Position
             | Self::LastPosition

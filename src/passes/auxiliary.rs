@@ -41,6 +41,7 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("SHOWN_POSITION", Aov::ShownPosition as u32),
     ("SHOWN_NORMAL", Aov::ShownNormal as u32),
     ("VIRTUAL_POSITION", Aov::VirtualPosition as u32),
+    ("EMISSION", Aov::Emission as u32),
 ]);
 
 arguments! {
