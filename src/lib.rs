@@ -17,6 +17,8 @@
 //! 5. [`schedule::CostModel`] learns from the measured times of the frame. [`control::Controller`] may choose the
 //!    [`quality::Quality`] of the next frame, to keep its time within a budget.
 //!
+//! [`denoise::FrameDenoiser`] runs the denoiser alone, on frames of other renderers.
+//!
 //! [`metrics`] compares images, [`accumulation`] renders reference images, and [`trace`] records where time is spent.
 //! The package `diptych-cli` has the commands of the program, with their tables, charts and pages.
 //!
@@ -56,6 +58,7 @@ pub mod layout;
 pub mod tables;
 pub mod frame;
 pub mod stages;
+pub mod denoise;
 pub mod loaded;
 pub mod exec;
 pub mod session;

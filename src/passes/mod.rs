@@ -42,6 +42,10 @@ use denoise::{Denoiser, Light};
 /// Declares the built-in passes of a frame.
 pub fn declare(spec: &FrameSpec) -> Declared {
     let mut frame = Declared::default();
+    if spec.imported {
+        frame.passes = denoise::import::passes(spec);
+        return frame;
+    }
     motion::bring(spec, &mut frame);
     for view in Eye::ALL {
         frame.add(gbuffer::pass(spec, view));
@@ -181,13 +185,14 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     let chains: Vec<_> = [direct].into_iter().chain(of_spaces).chain(of_displays).collect();
     let with = move |filter| chains.clone().into_iter().map(move |chain| (filter, chain));
     let kinds = Denoiser::choices().into_iter().flat_map(with);
-    kinds.flat_map(move |(filter, chain)| {
+    let traced = kinds.flat_map(move |(filter, chain)| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(one, 2);
         declare(&FrameSpec { chain, sparse: true, filter, iterations: 1, seam, aovs, moving, cache: true, ..small })
             .passes
-    })
+    });
+    traced.chain(denoise::import::passes(&FrameSpec::new(one, 1)))
 }
 
 /// Returns the partitions of all passes that have stripes (groups of passes with the same stripes), each once, in order

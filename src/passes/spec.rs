@@ -98,6 +98,8 @@ pub struct FrameSpec {
     pub has_surfaces: bool,
     /// True if paths may end in a radiance cache.
     pub cache: bool,
+    /// True if another renderer gives surfaces and light, which one pass then imports instead of tracing rays.
+    pub imported: bool,
     /// Dynamic geometry of the scene; `None` if it is static.
     pub moving: Option<Moving>,
 }
@@ -120,6 +122,7 @@ impl FrameSpec {
             aovs: Vec::new(),
             has_surfaces: true,
             cache: false,
+            imported: false,
             moving: None,
         }
     }

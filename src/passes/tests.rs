@@ -41,6 +41,11 @@ pub fn all_specs() -> Vec<FrameSpec> {
             }
         }
     }
+    for moving in [None, Some(Moving::default())] {
+        let frame =
+            FrameSpec { imported: true, views: Views::Traced, moving, ..spec(2, Seam::Halo(HaloPlan::EXCHANGE)) };
+        specs.push(FrameSpec { filter: Some(Denoiser::SVGF), history_rows: Some(4), ..frame });
+    }
     specs
 }
 

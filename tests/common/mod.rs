@@ -162,6 +162,11 @@ pub fn devices_to_lose(count: usize) -> Vec<GpuDevice> {
     devices_by(count, |gpu| gpu.pipelines.len())
 }
 
+/// Returns a device of [`devices`], so that other tests can use it.
+pub fn give_back(gpu: GpuDevice) {
+    idle().push(gpu);
+}
+
 fn devices_by<K: Ord>(count: usize, key: impl FnMut(&GpuDevice) -> K) -> Vec<GpuDevice> {
     let mut idle = idle();
     let mut devices = std::mem::take(&mut *idle);

@@ -38,7 +38,7 @@ fn lit(mut scene: Scene) -> Subject {
 }
 
 /// Returns the subject with a camera that moves by about two pixels a frame.
-fn moving(mut subject: Subject) -> Subject {
+pub fn moving(mut subject: Subject) -> Subject {
     let start = subject.rig.keys[0];
     let way = DVec3::new(0.5, -0.1, -0.3);
     let end = RigKey { time_s: 1.0, position: start.position + way, target: start.target + way, ..start };
@@ -55,7 +55,7 @@ fn tiles(scene: &mut Scene, [a, b]: [[u8; 4]; 2]) -> TextureRef {
 }
 
 /// Returns a floor of one material with a texture of these two colours.
-fn textured(name: &str, texels: [[u8; 4]; 2], material: impl FnOnce(TextureRef) -> Material) -> Subject {
+pub fn textured(name: &str, texels: [[u8; 4]; 2], material: impl FnOnce(TextureRef) -> Material) -> Subject {
     let mut scene = empty(name);
     let texture = tiles(&mut scene, texels);
     let material = add_material(&mut scene, material(texture));
@@ -86,13 +86,13 @@ fn coplanar(name: &str, materials: [Material; 2]) -> Subject {
     lit(scene)
 }
 
-fn colored(base: Option<TextureRef>, material: Material) -> Material {
+pub fn colored(base: Option<TextureRef>, material: Material) -> Material {
     Material { base_color_texture: base, ..material }
 }
 
-const WHITE: [u8; 4] = [230, 230, 230, 255];
-const BLACK: [u8; 4] = [0, 0, 0, 255];
-const RED: [u8; 4] = [230, 0, 0, 255];
+pub const WHITE: [u8; 4] = [230, 230, 230, 255];
+pub const BLACK: [u8; 4] = [0, 0, 0, 255];
+pub const RED: [u8; 4] = [230, 0, 0, 255];
 const GREEN: [u8; 4] = [0, 230, 0, 255];
 /// Green is roughness and blue metalness, of a dielectric and of a metal.
 const MASK: [[u8; 4]; 2] = [[0, 255, 0, 255], [0, 255, 255, 255]];
@@ -105,7 +105,7 @@ fn settings(subject: &Subject, denoiser: Denoiser, spp: u32) -> RunConfig {
     settings
 }
 
-fn mean(image: &RgbImage) -> DVec3 {
+pub fn mean(image: &RgbImage) -> DVec3 {
     let sum = image.pixels.iter().map(|pixel| DVec3::from_array(pixel.map(f64::from))).sum::<DVec3>();
     sum / image.pixels.len() as f64
 }

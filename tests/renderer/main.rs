@@ -5,6 +5,7 @@ mod common;
 mod splits;
 mod black;
 mod budget;
+mod denoise;
 mod display;
 mod energy;
 mod eyes;

@@ -64,7 +64,8 @@ pub fn read_change(spec: &FrameSpec) -> Use {
 /// Returns the passes that compute gradients. They run before the left eye's accumulation; there are none for the right
 /// eye.
 pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
-    if !is_found(spec) || !view.is_main() {
+    // Imported frames have no paths to trace again. No pass writes their `light_change`, whose zeros mean no change.
+    if !is_found(spec) || !view.is_main() || spec.imported {
         return Vec::new();
     }
     let last = |resource| Use::read(resource).before(spec.history_halo());

@@ -7,6 +7,7 @@ mod denoised;
 mod denoiser;
 mod filter;
 mod gradient;
+pub mod import;
 mod method;
 mod registry;
 pub mod seam_filter;

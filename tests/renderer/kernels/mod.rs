@@ -24,6 +24,7 @@ mod foveation;
 mod gradient;
 mod gradient_smooth;
 pub mod harness;
+mod import;
 mod inputs;
 mod log_polar;
 mod moving;
