@@ -2,6 +2,7 @@
 
 use diptych::accel::AccelError;
 use diptych::accumulation::{AccumulateError, CheckpointError};
+use diptych::denoise::DenoiseError;
 use diptych::device::DeviceError;
 use diptych::exec::ranks::RankError;
 use diptych::exec::{BuildError, ExecError};
@@ -86,6 +87,11 @@ failures! {
     ExecError {
         ExecError::Setting(error) => Self::Input(error.into()),
         ExecError::Stopped => Self::Interrupted,
+        error => Self::Run(error.into()),
+    }
+    DenoiseError {
+        error @ (DenoiseError::Setting(_) | DenoiseError::Given(_)) => Self::Input(error.into()),
+        DenoiseError::Open(error) => error.into(),
         error => Self::Run(error.into()),
     }
     CalibrationError {

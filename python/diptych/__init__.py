@@ -22,7 +22,8 @@ if sys.platform.startswith("linux") and "XDG_RUNTIME_DIR" not in os.environ:
     os.environ.setdefault("NODEVICE_SELECT", "1")
 
 from ._dataset import dataset  # noqa: E402
-from ._denoise import Denoiser  # noqa: E402
+from ._denoise import DenoiserFunction  # noqa: E402
+from ._denoiser import Denoiser  # noqa: E402
 from ._frame import Camera, Frame, Stereo  # noqa: E402
 from ._measure import Bench, Errors, bench, compare, flip  # noqa: E402
 from ._native import __version__, read_exr, write_exr  # noqa: E402
@@ -34,6 +35,7 @@ __all__ = [
     "Camera",
     "Controller",
     "Denoiser",
+    "DenoiserFunction",
     "Devices",
     "Errors",
     "Frame",

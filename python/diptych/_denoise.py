@@ -13,14 +13,14 @@ from ._frame import Camera, Frame, Image
 AOVS = ("base_color", "normal", "position", "motion")
 """Auxiliary images that a denoiser takes, in this order."""
 
-Denoiser = Callable[[Image, Image, Image, Image, Image, Camera], Any]
+DenoiserFunction = Callable[[Image, Image, Image, Image, Image, Camera], Any]
 """Denoises an eye's image: colour, albedo, normal, position, motion and camera to colour.
 
 Images are float32 of the shape (height, width, channels), as those of `Frame`; `motion` has two channels.
 """
 
 
-def split(options: dict[str, Any]) -> tuple[Denoiser | None, dict[str, Any]]:
+def split(options: dict[str, Any]) -> tuple[DenoiserFunction | None, dict[str, Any]]:
     """Takes a function out of the options of a renderer, which then renders what the function needs."""
     denoiser = options.get("denoiser")
     if not callable(denoiser):
@@ -35,7 +35,7 @@ def name(denoiser: Any) -> Any:
     return getattr(denoiser, "__name__", type(denoiser).__name__) if callable(denoiser) else denoiser
 
 
-def denoise(frame: Frame, denoiser: Denoiser) -> Frame:
+def denoise(frame: Frame, denoiser: DenoiserFunction) -> Frame:
     """Denoises both eyes. The report has the time that this takes, as `denoiser_ms`."""
     begin = time.perf_counter()
     albedo, normal, position, motion = (frame.aov(aov) for aov in AOVS)

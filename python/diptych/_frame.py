@@ -39,6 +39,36 @@ class Camera:
     eye: str = "left"
     """`left` or `right`."""
 
+    @classmethod
+    def look_at(
+        cls,
+        position: Sequence[float],
+        target: Sequence[float],
+        *,
+        yfov_deg: float,
+        size: tuple[int, int],
+        up: Sequence[float] = (0.0, 1.0, 0.0),
+        eye: str = "left",
+    ) -> Camera:
+        """Camera at a position that looks at a target, with square pixels. `size` is (width, height)."""
+        at = np.asarray(position, np.float64)
+        forward = np.asarray(target, np.float64) - at
+        right = np.cross(forward, np.asarray(up, np.float64))
+        lengths = np.linalg.norm(forward), np.linalg.norm(right)
+        if not (np.isfinite(lengths).all() and min(lengths) > 0 and 0 < yfov_deg < 180):
+            raise ValueError("position and target must differ, up must not be parallel to the view, yfov_deg below 180")
+        z, x = forward / lengths[0], right / lengths[1]
+        axes = np.stack([x, np.cross(x, z), z])
+        to_camera = np.eye(4)
+        to_camera[:3, :3], to_camera[3, :3] = axes.T, -axes @ at
+        tan_y = np.tan(np.radians(yfov_deg) / 2)
+        tan_x = tan_y * size[0] / size[1]
+        to_ndc = np.zeros((4, 4))
+        to_ndc[0, 0], to_ndc[2, 0] = 0.5 / tan_x, 0.5
+        to_ndc[1, 1], to_ndc[2, 1] = -0.5 / tan_y, 0.5
+        to_ndc[3, 2] = to_ndc[2, 3] = 1.0
+        return cls(to_camera, to_camera @ to_ndc, *size, eye)
+
     @property
     def position(self) -> NDArray[np.float64]:
         """Position of the eye in the world, scene units."""

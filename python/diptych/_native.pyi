@@ -15,6 +15,7 @@ __all__ = [
     "Renderer",
     "Frame",
     "Player",
+    "FrameDenoiser",
     "load",
     "reference",
     "errors",
@@ -86,6 +87,25 @@ class Player:
     def __exit__(self, *_exception: object) -> None: ...
     def spend(self, ms: float) -> None: ...
     def close(self) -> None: ...
+
+_Axes = list[tuple[float, float, float]]
+_View = tuple[list[_Image], list[_Image | None], _Axes, float]
+
+@final
+class FrameDenoiser:
+    def __new__(
+        cls,
+        width: int,
+        height: int,
+        views: int,
+        iterations: int,
+        spp: int,
+        animated: bool,
+        exposure_ev: float,
+        adapter: int | None,
+    ) -> Self: ...
+    def denoise(self, views: list[_View]) -> list[_Image]: ...
+    def reset(self) -> None: ...
 
 def load(shot: str | dict[str, Any], **options: Any) -> Scene: ...
 def reference(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _denoise, _native, _sinks
-from ._denoise import Denoiser
+from ._denoise import DenoiserFunction
 from ._frame import Frame
 
 
@@ -93,7 +93,7 @@ Policy = Callable[[NDArray[np.float64], int], Iterable[int]]
 class Player:
     """Iterator over the frames of a sequence inside a frame budget. `Renderer.play` makes one."""
 
-    def __init__(self, native: _native.Player, denoiser: Denoiser | None = None):
+    def __init__(self, native: _native.Player, denoiser: DenoiserFunction | None = None):
         self._native = native
         self._denoiser = denoiser
 

@@ -5,6 +5,7 @@
 
 mod arrays;
 mod control;
+mod denoiser;
 mod exclusive;
 mod failure;
 mod frame;
@@ -31,6 +32,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<renderer::Renderer>()?;
     module.add_class::<frame::Frame>()?;
     module.add_class::<player::Player>()?;
+    module.add_class::<denoiser::FrameDenoiser>()?;
     module.add_function(wrap_pyfunction!(scene::load, module)?)?;
     module.add_function(wrap_pyfunction!(reference::reference, module)?)?;
     module.add_function(wrap_pyfunction!(metrics::errors, module)?)?;
