@@ -3,7 +3,9 @@
 // - Means and variances are weighted by samples (West 1979), so that frames of few and of many samples mix correctly.
 // - If the first frame has several samples per pixel, their variance is measured. Later frames contribute only their
 //   means, which differ less from one another than means of independent samples would.
-// - Variance is inflated if there are few observations, which may have missed rare bright light.
+// - Variance is inflated if there are few observations, which may have missed rare bright light, and if the observations
+//   are samples of few frames, since the filter would leave speckle: it prefers neighbours of similar light, so its means
+//   vary more than their variances say, until history has averaged them.
 // - The length of history is bounded by the blur of resampling, and by the difference of the recent mean from the long
 //   one.
 // - If the scene has gloss, specular radiance is accumulated separately from diffuse radiance, over fewer frames.
@@ -30,6 +32,8 @@
 const FEW_FRAMES: f32 = 4.0;
 // Number of observations at which the variance is doubled. It is inflated more for fewer observations.
 const FEW_OBSERVATIONS: f32 = 24.0;
+// Inflation of the variance of a single frame's samples, which falls with the square of the number of frames.
+const FEW_MEANS: f32 = 2.0;
 // Maximum history in frames: LONGEST_MOVED if the reprojected point lies between the centres of the previous frame's
 // pixels, LONGEST_STILL if it lies on a centre, and LONGEST_VIEW_DEPENDENT for view-dependent light.
 const LONGEST_MOVED: f32 = 32.0;
@@ -262,7 +266,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, UNSEEN_SQUARE);
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
     let observations = select(frames, total, tells_variance);
-    let doubt = 1.0 + FEW_OBSERVATIONS / observations;
+    let means = max(frames, 1.0);
+    let doubt = 1.0 + FEW_OBSERVATIONS / observations + select(0.0, FEW_MEANS / (means * means), tells_variance);
     let known = variance / totals * observations / max(observations - 1.0, 1.0) * doubt;
     let light = SplitLight(
         blended(mean_light(past.light, LEAST_FOUND), now.matte, alphas.x),

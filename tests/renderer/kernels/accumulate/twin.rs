@@ -16,6 +16,7 @@ const LEAST_FOUND: f64 = 0.01;
 const FEW_FRAMES: f64 = 4.0;
 /// Number of observations at which variance is doubled.
 const FEW_OBSERVATIONS: f64 = 24.0;
+const FEW_MEANS: f64 = 2.0;
 
 /// An eye's images of the previous frame.
 pub struct Before {
@@ -241,7 +242,8 @@ impl Twin<'_> {
         }
         let observations = if tells_variance { total } else { frames };
         let of_all = variance / totals * observations;
-        let known = of_all / (observations - 1.0).max(1.0) * (1.0 + FEW_OBSERVATIONS / observations);
+        let means = if tells_variance { FEW_MEANS / frames.max(1.0).powi(2) } else { 0.0 };
+        let known = of_all / (observations - 1.0).max(1.0) * (1.0 + FEW_OBSERVATIONS / observations + means);
         let is_known = observations > FEW_FRAMES - 0.5;
         cases.meet(if is_known { "variance that is known" } else { "variance that is unknown" });
         let after = Light {
