@@ -103,6 +103,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         case STRIPES: {
             value = vec3<f32>(f32(pass_.device));
         }
+        case HISTORY: {
+            // The denoiser counts no frames. If it does, `history_length` writes the image.
+            value = vec3<f32>(0.0);
+        }
         case SHOWN_POSITION, SHOWN_NORMAL, VIRTUAL_POSITION: {
             value = shown_value(pass_.args.kind, pixel);
         }

@@ -317,18 +317,26 @@ const HOLE_KEY: [([u8; 3], &str); 8] = [
     ([0, 158, 115], "7 left to the denoiser"),
 ];
 
+/// Numbers of frames in the key of the `history` image.
+const HISTORY_KEY: [u32; 10] = [0, 1, 2, 4, 8, 16, 32, 64, 128, 255];
+
 /// Returns the colour map for an auxiliary image of small integers, and its key.
 fn colours(aov: Aov, images: &[&[f32]; 2]) -> (impl Fn(f32) -> [u8; 3] + use<>, Vec<Entry>) {
     let numbers: BTreeSet<u32> = images.iter().flat_map(|image| image.iter().map(|n| *n as u32)).collect();
     let most = numbers.last().map_or(0.0, |n| *n as f32);
-    let is_holes = aov == Aov::Holes;
-    let colour = move |number: f32| match HOLE_KEY.get(number as usize).filter(|_| is_holes) {
-        Some((colour, _)) => *colour,
-        None => number_colour(number, most),
+    let colour = move |number: f32| match (aov, HOLE_KEY.get(number as usize)) {
+        (Aov::Holes, Some((colour, _))) => *colour,
+        // Logarithmic, since short histories matter most.
+        (Aov::History, _) => number_colour((1.0 + number).log2(), (1.0 + most).log2()),
+        _ => number_colour(number, most),
     };
     let key = match aov {
         Aov::Holes => HOLE_KEY.map(|(colour, text)| (colour, text.to_owned())).to_vec(),
         Aov::Stripes => numbers.into_iter().map(|n| (colour(n as f32), format!("device {n}"))).collect(),
+        Aov::History => {
+            let shown = HISTORY_KEY.into_iter().filter(|n| *n as f32 <= most);
+            shown.map(|n| (colour(n as f32), format!("{n} frame{}", if n == 1 { "" } else { "s" }))).collect()
+        }
         _ => numbers.into_iter().map(|n| (colour(n as f32), format!("{n} {}", aov.name()))).collect(),
     };
     (colour, key)

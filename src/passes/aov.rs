@@ -64,12 +64,14 @@ aovs! {
     VirtualPosition = "virtual_position",
     /// Light that is not denoised, linear RGB: emission, and direct light with hard shadows
     Emission = "emission",
+    /// Frames that the denoiser accumulated: 1 without history, 0 without light
+    History = "history",
 }
 
 impl Aov {
     /// Returns true if the image holds small integers, for which a false-colour picture of both eyes is useful.
     pub fn counts(self) -> bool {
-        matches!(self, Self::Holes | Self::Spp | Self::Stripes)
+        matches!(self, Self::Holes | Self::Spp | Self::Stripes | Self::History)
     }
 
     /// Returns the names of the channels in use.
@@ -86,7 +88,7 @@ impl Aov {
             | Self::VirtualPosition => &["X", "Y", "Z"],
             Self::Motion => &["X", "Y"],
             Self::Depth => &["Z"],
-            Self::Roughness | Self::Holes | Self::Spp | Self::Stripes => &["Y"],
+            Self::Roughness | Self::Holes | Self::Spp | Self::Stripes | Self::History => &["Y"],
         }
     }
 }

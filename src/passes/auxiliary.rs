@@ -4,6 +4,7 @@ use glam::Vec4;
 
 use super::display_resampling::LATE_PARTITION;
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
+use super::history_length::{self, Counted};
 use super::polar::screen;
 use super::tonemap::PARTITION;
 use super::{Aov, Display, FrameSpec, ImageChain, PREVIOUS};
@@ -42,6 +43,7 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("SHOWN_NORMAL", Aov::ShownNormal as u32),
     ("VIRTUAL_POSITION", Aov::VirtualPosition as u32),
     ("EMISSION", Aov::Emission as u32),
+    ("HISTORY", Aov::History as u32),
 ]);
 
 arguments! {
@@ -64,8 +66,8 @@ arguments! {
     }
 }
 
-/// Returns the passes of an auxiliary image.
-pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
+/// Returns the passes of an auxiliary image. `counted` has the images of the denoiser's history, if it counts its frames.
+pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov, counted: Option<Counted>) -> Vec<Pass> {
     let [polar, rectified, last] = [POLAR.numbered(index), RECTIFIED.numbered(index), image(index)];
     let ImageChain { polar: space, display, displayed } = spec.chain;
     let screen_size = spec.chain.screen();
@@ -77,11 +79,15 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
             .uses([Use::read(from).reaching(Reach::All), Use::write(to).named("aov")])
     };
     let to_screen = |to: Resource| space.map(|_| map(STAGES[1], polar, to.on(screen(screen_size))));
-    let Display::Resampled { is_late, .. } = display else {
-        let first = if space.is_some() { polar } else { last };
-        return std::iter::once(pass(view, index, aov, first, screen_size)).chain(to_screen(last)).collect();
+    let first = |target: Resource| match counted.filter(|_| aov == Aov::History) {
+        Some(counted) => history_length::bind(spec, begun(view, index), counted, target),
+        None => of_surface(begun(view, index), aov, target, screen_size),
     };
-    let first = if space.is_some() { polar } else { rectified };
+    let Display::Resampled { is_late, .. } = display else {
+        let target = if space.is_some() { polar } else { last };
+        return std::iter::once(first(target)).chain(to_screen(last)).collect();
+    };
+    let target = if space.is_some() { polar } else { rectified };
     let (from, to) = (rectified.on(screen(screen_size)), last.on(screen(displayed)));
     let Extent { width, height } = screen_size;
     let to_eye_arguments = ToEyeArguments { width, height, is_motion: (aov == Aov::Motion).into() };
@@ -92,20 +98,23 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
             late.uses([Use::read(EMISSION).reaching(Reach::All)])
         }
     };
-    let first = pass(view, index, aov, first, screen_size);
-    std::iter::once(first).chain(to_screen(rectified)).chain([to_eye.with([to_eye_arguments])]).collect()
+    std::iter::once(first(target)).chain(to_screen(rectified)).chain([to_eye.with([to_eye_arguments])]).collect()
 }
 
-fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pass {
-    Pass::new(STAGES[0], view, PARTITION, KERNEL)
-        .index(index.into())
-        .uses([
-            Use::read(HIT),
-            Use::read(ALBEDO),
-            Use::read(EMISSION),
-            Use::read(TALLY),
-            Use::write(target).named("aov"),
-            Use::read(PREVIOUS),
-        ])
-        .with([AovArguments { kind: aov as u32, width: screen.width, height: screen.height }])
+/// Returns the pass of an auxiliary image without bindings.
+fn begun(view: Eye, index: u8) -> Pass {
+    Pass::new(STAGES[0], view, PARTITION, KERNEL).index(index.into())
+}
+
+/// Makes `pass` write an auxiliary image of the surface at the pixel's centre.
+fn of_surface(pass: Pass, aov: Aov, target: Resource, screen: Extent) -> Pass {
+    pass.uses([
+        Use::read(HIT),
+        Use::read(ALBEDO),
+        Use::read(EMISSION),
+        Use::read(TALLY),
+        Use::write(target).named("aov"),
+        Use::read(PREVIOUS),
+    ])
+    .with([AovArguments { kind: aov as u32, width: screen.width, height: screen.height }])
 }

@@ -8,6 +8,7 @@ mod auxiliary;
 mod declared;
 pub mod denoise;
 pub mod gbuffer;
+mod history_length;
 mod motion;
 mod moving;
 pub mod path_trace;
@@ -38,6 +39,7 @@ use crate::image::Extent;
 use crate::projection::PolarSpace;
 use crate::scene::rig::Eye;
 use denoise::{Denoiser, Light};
+use history_length::Counted;
 
 /// Declares the built-in passes of a frame.
 pub fn declare(spec: &FrameSpec) -> Declared {
@@ -112,6 +114,13 @@ fn in_order(spec: &FrameSpec, mut frame: Declared) -> Declared {
 
 /// Adds the passes of a view that follow the denoiser's filter.
 fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &mut Light, frame: &mut Declared) {
+    let counted = denoiser.frame_counts().map(|counts| Counted { counts, light: light.image() });
+    let aovs = |of_history: bool| {
+        let all = (0..).zip(&spec.aovs).filter(move |(_, aov)| (**aov == Aov::History) == of_history);
+        all.flat_map(move |(index, aov)| auxiliary::passes(spec, view, index, *aov, counted))
+    };
+    // The passes below overwrite the light that the image of history lengths reads.
+    frame.passes.extend(aovs(true));
     let has_seams = spec.denoiser().is_some() && spec.seam == Seam::Filter && spec.devices > 1;
     let mut smoothed = *light;
     frame.add_if(has_seams, "no seams are smoothed", denoise::seam_filter::pass(view, &mut smoothed));
@@ -122,9 +131,7 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
     polar::show(spec, view, frame);
     frame.passes.extend(display_resampling::pass(spec, view));
     frame.add(tally::pass(view));
-    for (index, aov) in (0..).zip(&spec.aovs) {
-        frame.passes.extend(auxiliary::passes(spec, view, index, *aov));
-    }
+    frame.passes.extend(aovs(false));
 }
 
 type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
@@ -186,7 +193,7 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     let with = move |filter| chains.clone().into_iter().map(move |chain| (filter, chain));
     let kinds = Denoiser::choices().into_iter().flat_map(with);
     let traced = kinds.flat_map(move |(filter, chain)| {
-        let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
+        let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo, Aov::History]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(one, 2);
         declare(&FrameSpec { chain, sparse: true, filter, iterations: 1, seam, aovs, moving, cache: true, ..small })

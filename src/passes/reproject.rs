@@ -19,7 +19,7 @@ const fn code(reason: HoleReason) -> u32 {
 /// the two eyes: the search covers image height / `POLAR_REACH` rows above and below.
 const POLAR_REACH: u32 = 8;
 
-const REASONS: &[(&str, u32)] = &[
+pub(super) const REASONS: &[(&str, u32)] = &[
     ("OUTSIDE", code(HoleReason::Outside)),
     ("NORMAL", code(HoleReason::Normal)),
     ("DISTANCE", code(HoleReason::Distance)),
@@ -29,19 +29,19 @@ const REASONS: &[(&str, u32)] = &[
 ];
 
 arguments! {
-    struct ReachArguments {
+    pub(super) struct ReachArguments {
         /// Rows above and below its own in which a pixel's surface may lie in the source.
         pub reach: u32,
     }
 }
 
 /// Returns the number of rows above and below its own in which a pixel's surface may lie in the source.
-fn reach(spec: &FrameSpec) -> u32 {
+pub(super) fn reach(spec: &FrameSpec) -> u32 {
     if spec.chain.polar.is_some() { spec.extent.height.div_ceil(POLAR_REACH) } else { 0 }
 }
 
 /// Returns the binding of an image of the view from which `view` is reprojected.
-fn of_source(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
+pub(super) fn of_source(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
     Use::read(image).of(spec.source(view).unwrap_or(Eye::MAIN)).halo(spec.halo(reach(spec)))
 }
 

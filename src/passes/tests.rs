@@ -26,7 +26,8 @@ pub fn all_specs() -> Vec<FrameSpec> {
             for (sparse, seam) in [(false, Seam::Halo(HaloPlan::EXCHANGE)), (true, Seam::Filter), (true, Seam::None)] {
                 for history_rows in [None, Some(4)] {
                     let cache = seam != Seam::None;
-                    let frame = FrameSpec { filter, views, sparse, history_rows, cache, ..spec(2, seam) };
+                    let aovs = vec![Aov::Albedo, Aov::History];
+                    let frame = FrameSpec { filter, views, sparse, history_rows, cache, aovs, ..spec(2, seam) };
                     let (screen, displayed) = (Extent::new(96, 270), Extent::new(48, 135));
                     let chains = [
                         frame.chain,
@@ -91,6 +92,24 @@ fn filtered_light_is_reused_if_the_frame_allows_it() {
     assert!(!takes_over(&FrameSpec { views: Views::Traced, ..frame.clone() }));
     assert!(!takes_over(&FrameSpec { filter: Some(Denoiser::ATROUS), ..frame.clone() }));
     assert!(!takes_over(&FrameSpec { iterations: 0, ..frame }));
+}
+
+/// Checks that history lengths take one pass per view, of the right kernel, and only if they are requested.
+#[test]
+fn history_lengths_take_one_pass_if_requested() {
+    let kernels = |spec: &FrameSpec| -> Vec<&str> {
+        let passes = declare(spec).passes;
+        let counted: Vec<_> = passes.iter().filter(|pass| pass.stage == auxiliary::STAGES[0]).collect();
+        let plain = FrameSpec { aovs: Vec::new(), ..spec.clone() };
+        assert_eq!(passes.len(), declare(&plain).passes.len() + counted.len());
+        counted.iter().map(|pass| pass.kernel.name).collect()
+    };
+    let frame = FrameSpec { aovs: vec![Aov::History], ..FrameSpec::new(Extent::new(64, 180), 2) };
+    assert_eq!(kernels(&frame), ["history_length", "reproject_history_length"]);
+    assert_eq!(kernels(&FrameSpec { filter_once: false, ..frame.clone() }), ["history_length"; 2]);
+    assert_eq!(kernels(&FrameSpec { filter: Some(Denoiser::BMFR), ..frame.clone() }), ["history_length"; 2]);
+    assert_eq!(kernels(&FrameSpec { filter: Some(Denoiser::ATROUS), ..frame.clone() }), ["aov"; 2]);
+    assert_eq!(kernels(&FrameSpec { aovs: Vec::new(), ..frame }), [""; 0]);
 }
 
 /// Checks that dynamic scenes have motion passes, and static scenes have none.

@@ -193,6 +193,7 @@ fn kinds() -> Vec<Kind> {
         of("sparse", &FrameSpec { sparse: true, ..spec.clone() }),
         of("seam_filter", &FrameSpec { seam: Seam::Filter, ..spec.clone() }),
         of("aovs", &FrameSpec { aovs: vec![Aov::Albedo, Aov::Motion], ..plain(None) }),
+        of("history_length", &FrameSpec { aovs: vec![Aov::History], ..spec.clone() }),
         of("polar", &chain(ImageChain { polar: Some(PolarSpace::Visual), ..direct })),
         Kind { asks: true, ..of("late", &chain(late)) },
         of("moving", &FrameSpec { moving: Some(moving.clone()), ..plain(None) }),

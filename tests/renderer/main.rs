@@ -13,6 +13,7 @@ mod faults;
 mod foveation;
 mod gbuffer;
 mod glass;
+mod history_lengths;
 mod instances;
 mod kernels;
 mod late;

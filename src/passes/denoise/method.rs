@@ -80,6 +80,12 @@ pub trait Denoise: Sync {
         false
     }
 
+    /// Returns the image that has the number of accumulated frames of each pixel in the upper 8 bits of its fourth word,
+    /// for the auxiliary image `history`; `None` if the denoiser does not count frames.
+    fn frame_counts(&self) -> Option<Resource> {
+        None
+    }
+
     /// Returns the maximum number of iterations of a frame.
     fn most_iterations(&self) -> u32 {
         Denoiser::MAX_ITERATIONS

@@ -90,6 +90,11 @@ impl Denoise for Bmfr {
         true
     }
 
+    /// Returns the image before the fit, whose counts are those of the traced light.
+    fn frame_counts(&self) -> Option<Resource> {
+        Some(ACCUMULATED)
+    }
+
     fn filters_lobes(&self) -> bool {
         true
     }

@@ -62,6 +62,10 @@ impl Denoise for Svgf {
         true
     }
 
+    fn frame_counts(&self) -> Option<Resource> {
+        Some(MOMENTS)
+    }
+
     fn needs_variance(&self) -> bool {
         true
     }
