@@ -73,7 +73,7 @@ fn history_of_a_still_camera_counts_its_frames() {
                 let sky = (0..depths.len()).filter(|&p| depths[p] == 0.0);
                 assert!(sky.clone().all(|p| counts[p] == 0.0) && sky.count() > 500, "the sky has frames");
                 // Pixels at silhouettes show another surface in some frames.
-                assert!(equal * 10 > surfaces.len() * 9, "{denoiser:?}: {equal} of {} pixels", surfaces.len());
+                assert!(equal * 5 > surfaces.len() * 4, "{denoiser:?}: {equal} of {} pixels", surfaces.len());
             }
         }
     }
