@@ -1,7 +1,7 @@
 //! The picture so far of a run that takes long, for `--also preview`.
 
-use std::cell::Cell;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::failure::Failure;
@@ -18,22 +18,24 @@ const INTERVAL: Duration = Duration::from_secs(1);
 /// File of the picture so far. It is removed at the end of the run, whose pictures replace it.
 pub struct Preview {
     path: PathBuf,
-    due: Cell<Instant>,
+    /// Time from which the next picture is written.
+    due: Mutex<Instant>,
 }
 
 impl Preview {
     pub fn new(folder: &Path) -> Self {
-        Self { path: folder.join(NAME), due: Cell::new(Instant::now()) }
+        Self { path: folder.join(NAME), due: Mutex::new(Instant::now()) }
     }
 
     /// Writes the picture that `read` returns, unless the last one is recent.
     pub fn show(&self, read: impl FnOnce() -> Result<Stereo<DisplayImage>, Failure>) -> Result<(), Failure> {
-        if Instant::now() < self.due.get() {
+        let mut due = self.due.lock().unwrap_or_else(PoisonError::into_inner);
+        if Instant::now() < *due {
             return Ok(());
         }
         let Stereo { left, right } = read()?;
         write_png(&self.path, &stereo::side_by_side(&left, &right)?)?;
-        self.due.set(Instant::now() + INTERVAL);
+        *due = Instant::now() + INTERVAL;
         Ok(())
     }
 }
