@@ -19,7 +19,8 @@
 # make gpu-kernels    compiles all kernels for GPUs that this machine need not have, and compares their registers,
 #              memory and occupancy with docs/results/results.json. NEWER_MESA=COMMAND: Mesa 25, where COMMAND runs
 #              another command under it; ARGS=--accept: writes figures that are worse
-# make peers    measures diptych beside Mitsuba 3 with OIDN: out/peers/NAME/NAME.md and .svg. SHOT=FILE: another shot
+# make peers    measures diptych beside Mitsuba 3 with OIDN: out/peers/NAME/NAME.md and .svg. SHOT=FILE: another shot;
+#                HISTORY=1: also gives Mitsuba the history of earlier frames
 # make numbers    measures the tables of README.md and docs/results/results.md again, on an idle machine.
 #              TABLES="scale play": only these; SCENES=DIR: with third-party scenes; NEWER_MESA=COMMAND: also under the
 #              driver with which COMMAND runs commands; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes,
@@ -164,7 +165,7 @@ release-check:
 # Python packages live in a separate virtual environment. The program needs none of them.
 peers: deps peers-packages
 	$(CARGO) build --release --locked
-	$(PEERS)/venv/bin/python docs/results/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)
+	$(PEERS)/venv/bin/python docs/results/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(if $(HISTORY),--history) $(SHOT)
 
 peers-packages:
 	[ -x $(PEERS)/venv/bin/pip ] || python3 -m venv $(PEERS)/venv

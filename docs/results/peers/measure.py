@@ -6,7 +6,8 @@ A shot is what `diptych render` takes. Both sides render the same scene, as `dip
 at the same instant, with as many bounces, on the same cores, in turns. Both are judged by NVIDIA's FLIP against the same
 reference, Mitsuba's, after the same tonemapping at the shot's exposure; errors are means over both eyes. diptych renders
 each setting twice: the last frame of a path, with the history of those before, and the same frame as the first of a path,
-without history. Times are those of a stereo frame: with history, medians over the frames on the way to that instant;
+without history. With --history, Mitsuba has one, too: its last frames, reprojected by its own positions (history.py)
+before OIDN filters them; the time of reprojection counts. Times are those of a stereo frame: with history, medians over the frames on the way to that instant;
 otherwise medians over the rounds. None of them includes loading, compiling or files. Writes NAME.md, tables, NAME.json,
 the same figures for programs, NAME.svg, a chart, and NAME.toml for `diptych bench --set peers`.
 """
@@ -29,6 +30,7 @@ INSTANT = (FRAMES - 1) / FPS
 
 PEER_SAMPLES = (1, 4, 16)
 PEER, FAST, GUIDED = "Mitsuba", "Mitsuba + OIDN, fast", "Mitsuba + OIDN, high, albedo and normals"
+FAST_HISTORY, GUIDED_HISTORY = (f"{name}, {FRAMES} frames of history" for name in (FAST, GUIDED))
 
 # Settings of diptych: name, options, and True if the first frame of a path is measured beside the last.
 OURS = (
@@ -55,6 +57,7 @@ def arguments():
     parser.add_argument(
         "--own-reference", action="store_true", help="judge diptych by its own reference, where materials differ"
     )
+    parser.add_argument("--history", action="store_true", help="also measure Mitsuba with a history")
     parser.add_argument("--cores", type=int, help="use so many cores only (Linux)")
     options = parser.parse_args()
     options.width, options.height = map(int, options.size.split("x"))
@@ -86,6 +89,7 @@ mi.set_variant("llvm_ad_rgb")
 
 import drjit  # noqa: E402
 from chart import chart  # noqa: E402
+from history import Camera, History  # noqa: E402
 from machine import processor  # noqa: E402
 from mitsuba_scene import Shot  # noqa: E402
 
@@ -122,10 +126,14 @@ class Mitsuba:
     """A shot's scene, and a second integrator that also tells what OIDN is guided by."""
 
     def __init__(self, shot):
+        self.shot = shot
         self.scene = shot.load(INSTANT, options.width, options.height, options.bounces)
         self.plain = self.scene.integrator()
-        guides = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}
-        self.guided = mi.load_dict(guides | {"path": shot.integrator(options.bounces)})
+        self.guided = self.with_images("albedo:albedo,normal:sh_normal")
+        self.placed = self.with_images("albedo:albedo,normal:sh_normal,position:position")
+
+    def with_images(self, names):
+        return mi.load_dict({"type": "aov", "aovs": names, "path": self.shot.integrator(options.bounces)})
 
     def frame(self, spp, seed, guided=False):
         """Both eyes, and the seconds that they took."""
@@ -135,6 +143,21 @@ class Mitsuba:
             integrator = self.guided if guided else self.plain
             image = mi.render(self.scene, sensor=eye, integrator=integrator, spp=spp, seed=2 * seed + eye)
             eyes.append(np.array(image))
+        return eyes, time.perf_counter() - begin
+
+    def path(self, spp, seed):
+        """Both eyes of the last frame of the path with the history of those before, and the seconds that it took."""
+        histories, fov = [History(), History()], self.shot.shot["rig"]["yfov_deg"]
+        for number in range(FRAMES):
+            time_s = number / FPS
+            sensors = [mi.load_dict(c) for c in self.shot.cameras(time_s, options.width, options.height).values()]
+            cameras = [Camera(*eye, fov) for eye in self.shot.eyes(time_s)]
+            begin, eyes = time.perf_counter(), []
+            for eye, (sensor, camera, history) in enumerate(zip(sensors, cameras, histories)):
+                seeds = 2 * (seed * FRAMES + number) + eye
+                image = np.array(mi.render(self.scene, sensor=sensor, integrator=self.placed, spp=spp, seed=seeds))
+                color, albedo, normal, position = (image[..., 3 * i : 3 * i + 3] for i in range(4))
+                eyes.append(np.dstack([history.add(camera, color, albedo, normal, position), albedo, normal]))
         return eyes, time.perf_counter() - begin
 
     def reference(self, spp):
@@ -227,6 +250,11 @@ def measure_peer(mitsuba, filters, figures, seed):
         eyes, took = mitsuba.frame(spp, seed, guided=True)
         filtered, filtering = filters[GUIDED].frame(eyes)
         figures.add(GUIDED, note, filtered, [1e3 * (took + filtering)])
+        if options.history:
+            eyes, took = mitsuba.path(spp, seed)
+            for name, peer in ((FAST_HISTORY, FAST), (GUIDED_HISTORY, GUIDED)):
+                filtered, filtering = filters[peer].frame(eyes)
+                figures.add(name, note, filtered, [1e3 * (took + filtering)])
 
 
 def measure_ours(ours, figures, seed):
@@ -264,6 +292,8 @@ def conditions(shot, ours):
         f"diptych's frames are the last of {FRAMES} along the camera's path, with history, and first frames of a path, which "
         "have no history, as Mitsuba's have none.",
     ]
+    if options.history:
+        lines[-1] += f" With history, Mitsuba's last {FRAMES} frames are averaged before OIDN; NumPy reprojects them."
     if shot.departures:
         lines.append("Mitsuba's scene departs from the file's: " + "; ".join(sorted(shot.departures)) + ".")
     return lines
@@ -286,7 +316,7 @@ def beside(rows):
     return [
         row | {"with_history": reaching(row["flip"], False), "without_history": reaching(row["flip"], True)}
         for row in rows
-        if row["renderer"] in (FAST, GUIDED)
+        if row["renderer"] in (FAST, GUIDED, FAST_HISTORY, GUIDED_HISTORY)
     ]
 
 

@@ -250,22 +250,26 @@ class Shot:
 
     def cameras(self, time_s, width, height):
         """Left and right eye at an instant of the path."""
-        rig, (position, target, up) = self.shot["rig"], self.pose(time_s)
-        right = normalized(np.cross(normalized(target - position), up))
-        half = 0.5 * rig["baseline_m"] / rig["metres_per_unit"]
+        rig = self.shot["rig"]
         film = {
             "type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb", "component_format": "float32",
             "rfilter": {"type": "box"},
         }
         cameras = {}
-        for eye, side in (("left", -1), ("right", 1)):
-            eye_position, eye_target = position + side * half * right, target + side * half * right
-            place = mi.ScalarTransform4f().look_at(origin=list(eye_position), target=list(eye_target), up=list(up))
+        for eye, (position, target, up) in zip(("left", "right"), self.eyes(time_s)):
+            place = mi.ScalarTransform4f().look_at(origin=list(position), target=list(target), up=list(up))
             cameras[eye] = {
                 "type": "perspective", "fov": rig["yfov_deg"], "fov_axis": "y", "to_world": place, "film": film,
                 "near_clip": 1e-4 * self.size, "far_clip": 10 * SUN_DISTANCE * self.size,
             }
         return cameras
+
+    def eyes(self, time_s):
+        """Position, target and up of the left and the right eye."""
+        rig, (position, target, up) = self.shot["rig"], self.pose(time_s)
+        right = normalized(np.cross(normalized(target - position), up))
+        half = 0.5 * rig["baseline_m"] / rig["metres_per_unit"] * right
+        return [(position + side * half, target + side * half, up) for side in (-1, 1)]
 
     def pose(self, time_s):
         """Position, target and up: keys are interpolated linearly, and held before the first and after the last."""
