@@ -160,6 +160,8 @@ impl FrameDenoiser {
     /// [`DenoiseError::Device`] if it fails.
     pub fn on(mut gpu: GpuDevice, settings: &Settings) -> Result<Self, DenoiseError> {
         settings.check()?;
+        // A renderer may have left the limit of its frame budget.
+        gpu.patience = GpuDevice::START_PATIENCE;
         let spec = settings.spec();
         let is_seen = |pass: &Pass| (pass.view as usize) < settings.views;
         let passes: Vec<Pass> = declare(&spec).passes.into_iter().filter(is_seen).collect();
