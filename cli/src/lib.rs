@@ -46,8 +46,8 @@ mod output;
 mod page;
 mod pictures;
 mod play;
-mod program;
 mod preview;
+mod program;
 mod progress;
 #[cfg(feature = "python")]
 mod python;

@@ -323,7 +323,8 @@ impl Settings {
     /// Returns the filter; `None` if all layers have 0 iterations. The denoiser limits their number.
     fn filter(&self) -> Option<Filter> {
         let most = self.denoiser.map_or(0, Denoiser::most_iterations);
-        Filter::in_effect(self.denoiser, self.layer_iterations().map(|n| n.min(most)))
+        let iterations = self.layer_iterations(self.layer_radii().is_some());
+        Filter::in_effect(self.denoiser, iterations.unwrap_or([Denoiser::DEFAULT_ITERATIONS; 3]).map(|n| n.min(most)))
     }
 
     /// Returns the radii of the inner and the middle foveal layer; `None` without layers.
@@ -340,24 +341,18 @@ impl Settings {
         }
     }
 
-    /// Returns the iterations of the inner, middle and outer layer. Without layers, the largest number applies to the
-    /// whole image.
-    fn layer_iterations(&self) -> [u32; 3] {
-        match (self.layer_radii(), self.iterations) {
-            (Some(_), layers) => layers.unwrap_or(LAYER_ITERATIONS),
-            (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
-            (None, None) => [Denoiser::DEFAULT_ITERATIONS; 3],
+    /// Returns the iterations of the inner, middle and outer layer, those of Peres by default. Without layers, the largest
+    /// number applies to the whole image, if one is set.
+    fn layer_iterations(&self, has_layers: bool) -> Option<[u32; 3]> {
+        match self.iterations {
+            layers if has_layers => Some(layers.unwrap_or(LAYER_ITERATIONS)),
+            all => all.map(|[inner, middle, outer]| [inner.max(middle).max(outer); 3]),
         }
     }
 
-    /// Caps the iterations of a quality: in foveal layers at the settings' or else at those of Peres. Without layers,
-    /// the largest of the settings' caps applies to the whole image.
+    /// Caps the iterations of a quality at those of the settings.
     pub fn limit(&self, quality: &Quality) -> Quality {
-        let limits = match (quality.fovea, self.iterations) {
-            (Some(_), layers) => layers.unwrap_or(LAYER_ITERATIONS),
-            (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
-            (None, None) => return *quality,
-        };
+        let Some(limits) = self.layer_iterations(quality.fovea.is_some()) else { return *quality };
         let iterations = limits.map(|limit| limit.min(quality.most_iterations()));
         Quality { filter: Filter::in_effect(quality.denoiser(), iterations), ..*quality }
     }

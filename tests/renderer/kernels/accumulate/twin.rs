@@ -16,6 +16,7 @@ const LEAST_FOUND: f64 = 0.01;
 const FEW_FRAMES: f64 = 4.0;
 /// Number of observations at which variance is doubled.
 const FEW_OBSERVATIONS: f64 = 24.0;
+/// Inflation of the variance of a single frame's samples.
 const FEW_MEANS: f64 = 2.0;
 
 /// An eye's images of the previous frame.
