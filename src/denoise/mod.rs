@@ -95,24 +95,20 @@ impl Settings {
 
 /// Denoises frames of any renderer with `svgf`, and keeps the history from frame to frame.
 ///
-/// ```no_run
-/// use diptych::denoise::{FrameDenoiser, Given, Settings};
+/// ```
+/// use diptych::Extent;
+/// use diptych::denoise::{DenoiseError, FrameDenoiser, Given, Settings};
 /// use diptych::scene::rig::View;
-/// use diptych::{Extent, scene::rig::Eye, scene::rig::Rig};
 ///
-/// # fn rendered(rig: &Rig, eye: Eye) -> [Vec<[f32; 3]>; 4] { unimplemented!() }
-/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # let (rig, frames) = (diptych::LoadedScene::load("builtin:cornell")?.shot.rig, 16);
-/// let mut denoiser = FrameDenoiser::new(&Settings { views: 1, ..Settings::new(Extent::new(640, 360)) })?;
-/// for index in 0..frames {
-///     let camera: View = rig.view(f64::from(index) / 72.0, Eye::Left);
-///     let [color, albedo, normal, position] = rendered(&rig, Eye::Left);
-///     let given = Given::new(camera, &color, &albedo, &normal, &position);
-///     let denoised = denoiser.denoise(&[given])?;
-///     println!("{:?}", denoised[0].pixels[0]);
+/// /// Denoises a sequence of one view; a frame's arrays are color, albedo, normal and position.
+/// fn denoise(frames: &[(View, [Vec<[f32; 3]>; 4])]) -> Result<(), DenoiseError> {
+///     let mut denoiser = FrameDenoiser::new(&Settings { views: 1, ..Settings::new(Extent::new(640, 360)) })?;
+///     for (camera, [color, albedo, normal, position]) in frames {
+///         let denoised = denoiser.denoise(&[Given::new(*camera, color, albedo, normal, position)])?;
+///         println!("{:?}", denoised[0].pixels[0]);
+///     }
+///     Ok(())
 /// }
-/// # Ok(())
-/// # }
 /// ```
 pub struct FrameDenoiser {
     settings: Settings,
