@@ -21,6 +21,8 @@ const PARTS: f64 = 16.0;
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
 /// Iterations of the candidates that have a denoiser.
 pub const ITERATIONS: [u32; 5] = [1, 2, 3, 4, 5];
+/// The largest of [`ITERATIONS`].
+pub const MOST_ITERATIONS: u32 = ITERATIONS[ITERATIONS.len() - 1];
 /// Render scales of denoised candidates that trace less than one sample per pixel.
 pub const SPARSE_SCALES: [f64; 7] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3];
 /// Radii of the inner and the middle foveal layer, as fractions of the image width, for candidates with such layers.
@@ -68,13 +70,29 @@ fn sampled_fraction(quality: &Quality) -> f64 {
     quality.scale * quality.scale * (0.5 + 0.25 * (inner + outer))
 }
 
-/// Estimates the FLIP of a setting for images of `rows` rows, shown at [`ESTIMATES_EV`]. The estimate combines missing
-/// light with noise and blur, for which each denoiser has its own formula. `missing_light` is the fraction of light
-/// that further bounces would add.
-pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
+/// FLIP of frames with [`MOST_ITERATIONS`] over that with one iteration: of frames with one sample per pixel, at its
+/// centre, and of frames with two, which are jittered.
+pub type BlurErrors = [f64; 2];
+
+/// Estimates the FLIP of a setting, shown at [`ESTIMATES_EV`]. The estimate combines missing light with noise and blur,
+/// for which each denoiser has its own formula. `missing_light` is the fraction of light that further bounces would add.
+/// `blur` replaces the denoiser's own number if it was measured.
+pub fn guessed_error(quality: &Quality, missing_light: f64, blur: Option<BlurErrors>) -> f64 {
     let samples = quality.spp.mean() * sampled_fraction(quality);
     let noise = match quality.filter {
-        Some(filter) => filter.denoiser.method().estimated_flip(samples, filter.most_iterations(), rows),
+        Some(filter) => {
+            let method = filter.denoiser.method();
+            let most = match blur {
+                None => method.estimated_blur(),
+                Some([centred, _]) if quality.spp.least == 1 => centred,
+                // In three scenes, the difference falls with a power of samples from -0.2 to -0.5.
+                Some([_, jittered]) => 1.0 + (jittered - 1.0) * (quality.spp.mean() / 2.0).powf(-0.3),
+            };
+            // Each iteration changes the error half as much as the one before.
+            let part = |iterations: u32| 1.0 - 0.5f64.powi(iterations as i32 - 1);
+            let change = (most - 1.0) * part(filter.most_iterations()) / part(MOST_ITERATIONS);
+            method.estimated_flip(samples) * (1.0 + change)
+        }
         None => 0.3 * samples.powf(-0.35),
     };
     let dark = 1.55 * missing_light.powf(0.78);
@@ -156,7 +174,7 @@ mod tests {
             assert_eq!(all.len(), count);
             for a in &all {
                 let missing_light = |k: &Quality| 0.2 * 0.5f64.powi(k.bounces as i32);
-                let error = |k: &Quality| guessed_error(k, missing_light(k), 1080);
+                let error = |k: &Quality| guessed_error(k, missing_light(k), None);
                 assert!((0.0..1.0).contains(&error(a)));
                 let more = |b: &&Quality| {
                     let wider = b.fovea.zip(a.fovea).is_none_or(|([b, _], [a, _])| b >= a);

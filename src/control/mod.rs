@@ -16,8 +16,8 @@ mod rung;
 pub use baselines::ControllerKind;
 pub use budget::{Budget, BudgetError};
 pub use builtin::{
-    BOUNCES, ESTIMATES_EV, TRACING, candidates, guessed_error, guessed_paths, guessed_relative_cost, lack_path_times,
-    relative_costs,
+    BOUNCES, BlurErrors, ESTIMATES_EV, MOST_ITERATIONS, TRACING, candidates, guessed_error, guessed_paths,
+    guessed_relative_cost, lack_path_times, relative_costs,
 };
 pub use controller::{Control, Controller, Decision, LATE, Predict, QUIET};
 pub use front::{front, mean_error};

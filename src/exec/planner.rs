@@ -1,5 +1,6 @@
 //! Planning of a frame: the assignment of rows to devices, and the graph that follows from the plan.
 
+use std::ops::RangeInclusive;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::inputs::Inputs;
@@ -23,21 +24,28 @@ const PROGRAMS: usize = 32;
 pub struct Graphs {
     /// Spec of the run's frames. [`Self::spec()`] replaces the fields that depend on the plan.
     spec: FrameSpec,
+    /// Numbers of denoiser iterations that frames may have.
+    iterations: RangeInclusive<u32>,
     declarations: Declarations,
     programs: Mutex<Latest<FrameSpec, Arc<Program>>>,
     graphs: Mutex<Latest<Plan, Arc<FrameGraph>>>,
 }
 
 impl Graphs {
-    /// Creates the programs and graphs of frames of this spec. Up to `capacity` graphs are kept, which must be at least
-    /// the number of frames in flight.
+    /// Creates the programs and graphs of frames of this spec with these numbers of denoiser iterations. Up to `capacity`
+    /// graphs are kept, which must be at least the number of frames in flight.
     ///
     /// # Errors
     /// [`ProgramError`] if the declared passes of some frame contradict one another.
-    pub fn new(spec: FrameSpec, declarations: Declarations, capacity: usize) -> Result<Self, ProgramError> {
-        declarations.programs(&spec)?;
+    pub fn new(
+        spec: FrameSpec,
+        iterations: RangeInclusive<u32>,
+        declarations: Declarations,
+        capacity: usize,
+    ) -> Result<Self, ProgramError> {
+        declarations.programs(&spec, iterations.clone())?;
         let (programs, graphs) = (Latest::new(PROGRAMS).into(), Latest::new(capacity).into());
-        Ok(Self { spec, declarations, programs, graphs })
+        Ok(Self { spec, iterations, declarations, programs, graphs })
     }
 
     /// Creates the graphs of a run on `devices` devices. `has_surfaces` is true if anything in the scene reflects light.
@@ -46,12 +54,13 @@ impl Graphs {
     /// Errors of [`Self::new`].
     pub fn of_config(config: &RunConfig, devices: usize, has_surfaces: bool) -> Result<Self, ProgramError> {
         let capacity = config.execution.frames_in_flight + OTHER_GRAPHS;
-        Self::new(config.spec(devices, has_surfaces), config.buffers.declarations.clone(), capacity)
+        let (spec, iterations) = (config.spec(devices, has_surfaces), config.envelope.iterations());
+        Self::new(spec, iterations, config.buffers.declarations.clone(), capacity)
     }
 
     /// Returns programs that together contain every pass that any frame may need.
     pub fn programs(&self) -> Vec<Program> {
-        self.declarations.programs(&self.spec).unwrap_or_default()
+        self.declarations.programs(&self.spec, self.iterations.clone()).unwrap_or_default()
     }
 
     /// Returns the spec of a frame of this plan.
@@ -233,7 +242,7 @@ mod tests {
     fn graphs(capacity: usize) -> Graphs {
         let frame = FrameSpec::new(Extent::new(16, 12), 2);
         let spec = FrameSpec { filter: Some(Denoiser::ATROUS), iterations: 3, seam: Seam::None, ..frame };
-        Graphs::new(spec, Declarations::default(), capacity).unwrap()
+        Graphs::new(spec, 1..=3, Declarations::default(), capacity).unwrap()
     }
 
     fn plan(edge: u32, iterations: u32) -> Plan {

@@ -23,6 +23,7 @@ mod tally;
 pub mod tonemap;
 
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 pub use aov::Aov;
@@ -174,11 +175,10 @@ impl Declarations {
         Arc::new(self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}")))
     }
 
-    /// Builds a program for each number of denoiser iterations up to that of `most`. Together, the programs contain
-    /// every pass and image of a run whose frames differ in iterations, history and seams.
-    pub fn programs(&self, most: &FrameSpec) -> Result<Vec<Program>, ProgramError> {
-        let with = |iterations| self.check(&FrameSpec { iterations, ..most.clone() });
-        (most.iterations.min(1)..=most.iterations).map(with).collect()
+    /// Builds a program for each of these numbers of denoiser iterations. Together, the programs contain every pass and
+    /// image of a run whose frames differ in iterations, history and seams.
+    pub fn programs(&self, spec: &FrameSpec, iterations: RangeInclusive<u32>) -> Result<Vec<Program>, ProgramError> {
+        iterations.map(|iterations| self.check(&FrameSpec { iterations, ..spec.clone() })).collect()
     }
 }
 

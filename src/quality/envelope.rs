@@ -1,5 +1,7 @@
 //! The range of qualities in a run, which determines the pipelines and buffers to create.
 
+use std::ops::RangeInclusive;
+
 use serde::{Deserialize, Serialize};
 
 use super::{Denoiser, Filter, Quality, SettingError};
@@ -13,6 +15,8 @@ pub struct Envelope {
     pub most: Quality,
     /// True if pixels with one sample (at their centre) and with several (jittered) mix in one run.
     pub mixes_spp: bool,
+    /// True if frames with and without the denoiser mix in one run.
+    pub mixes_filter: bool,
 }
 
 impl Envelope {
@@ -31,17 +35,23 @@ impl Envelope {
             scale: qualities.iter().map(|q| q.scale).fold(1.0, f64::min),
         };
         let mixes_spp = qualities.iter().any(|q| q.spp.least == 1 && most.spp != Samples::ONE);
-        Self { most, mixes_spp }
+        let mixes_filter = most.filter.is_some() && qualities.iter().any(|q| q.filter.is_none());
+        Self { most, mixes_spp, mixes_filter }
     }
 }
 
 impl From<Quality> for Envelope {
     fn from(most: Quality) -> Self {
-        Self { most, mixes_spp: most.spp.is_between_one_and_two() }
+        Self { most, mixes_spp: most.spp.is_between_one_and_two(), mixes_filter: false }
     }
 }
 
 impl Envelope {
+    /// Returns bounds that also contain frames without the denoiser.
+    pub fn with_unfiltered(self) -> Self {
+        Self { mixes_filter: self.most.filter.is_some(), ..self }
+    }
+
     /// Checks that a frame of a run with these bounds can have a quality.
     ///
     /// # Errors
@@ -63,9 +73,16 @@ impl Envelope {
         outside(quality.fovea.is_some() && most.fovea.is_none(), &|| "foveal layers".to_owned())?;
         outside(quality.polar != most.polar, &|| "this polar projection".to_owned())?;
         let [asked, built] = [quality, most].map(|quality| Denoiser::name_of(quality.denoiser()));
-        outside(asked != built, &|| format!("the denoiser {asked}, but for {built}"))?;
+        let is_built = asked == built || (quality.filter.is_none() && self.mixes_filter);
+        outside(!is_built, &|| format!("the denoiser {asked}, but for {built}"))?;
         let (asked, built) = (quality.most_iterations(), most.most_iterations());
         outside(asked > built, &|| format!("{asked} denoiser iterations, but for up to {built}"))
+    }
+
+    /// Returns the numbers of denoiser iterations that frames may have.
+    pub fn iterations(&self) -> RangeInclusive<u32> {
+        let most = self.most.most_iterations();
+        (if self.mixes_filter { 0 } else { most.min(1) })..=most
     }
 
     /// Returns true if pixels may be left unsampled for the filter to fill. A stage then lists the sampled ones.
@@ -97,9 +114,13 @@ mod tests {
         let basic = Quality::default();
         let filter = Some(Filter { iterations: [2, 3, 4], ..Filter::DEFAULT });
         let all = [Quality { spp: 4.into(), filter, ..basic }, Quality { scale: 0.5, bounces: 2, ..basic }];
-        let Envelope { most, mixes_spp } = Envelope::of(&all);
+        let envelope @ Envelope { most, mixes_spp, .. } = Envelope::of(&all);
         assert_eq!((most.spp.least, most.bounces, most.iterations(), most.scale, mixes_spp), (4, 6, [5; 3], 0.5, true));
         assert!(!Envelope::of(&all[..1]).mixes_spp);
+        let plain = Quality { filter: None, ..basic };
+        assert!(envelope.check(&plain).is_err() && envelope.iterations() == (1..=5));
+        let mixed = Envelope::of(&[all[0], all[1], plain]);
+        assert!(mixed.check(&plain).is_ok() && mixed.iterations() == (0..=5));
         assert_eq!(Envelope::of(&[]), Envelope::from(basic));
     }
 }

@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, HashMap};
 use std::time::{Duration, Instant};
 
 use crate::control::{
-    BOUNCES, Ladder, LadderError, Origin, Rung, TRACING, guessed_error, guessed_paths, guessed_relative_cost, mix,
-    relative_costs,
+    BOUNCES, BlurErrors, Ladder, LadderError, Origin, Rung, TRACING, guessed_error, guessed_paths,
+    guessed_relative_cost, mix, relative_costs,
 };
 use crate::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
 use crate::graph::Stage;
@@ -31,11 +31,10 @@ const CACHE_FRAMES: u32 = 6;
 /// Index of the first calibration frame of each quality. It is above the frame indices of any run.
 pub const FIRST_FRAME: u32 = 1 << 24;
 
-/// View that the timed frames show: a camera, a time in seconds, and the height of an eye's image in rows.
+/// View that the timed frames show: a camera and a time in seconds.
 pub struct View<'a> {
     pub rig: &'a Rig,
     pub time_s: f64,
-    pub rows: u32,
 }
 
 /// An error of [`calibrate`].
@@ -52,9 +51,9 @@ pub enum CalibrationError {
 }
 
 /// Builds a ladder from `qualities`. Renders and times a few of them, and extrapolates the times of the others.
-/// Estimates each error from noise, blur, and the indirect light that is missing with few bounces. `limit` maps a
-/// quality of the ladder to the one that frames are rendered with. If `stop` returns true, calibration ends before the
-/// next frame.
+/// Estimates each error from noise, blur, and the indirect light that is missing with few bounces. On devices that are
+/// fast enough, measures how the error changes with the filter's iterations. `limit` maps a quality of the ladder to the
+/// one that frames are rendered with. If `stop` returns true, calibration ends before the next frame.
 ///
 /// # Errors
 /// [`CalibrationError::Exec`] if a frame fails, [`CalibrationError::Ladder`] if no quality could be timed,
@@ -73,22 +72,24 @@ pub fn calibrate(
     ladder
 }
 
-struct Calibration<'a> {
-    renderer: &'a mut Renderer,
-    view: &'a View<'a>,
-    limit: &'a dyn Fn(&Quality) -> Quality,
+pub(super) struct Calibration<'a> {
+    pub renderer: &'a mut Renderer,
+    pub view: &'a View<'a>,
+    pub limit: &'a dyn Fn(&Quality) -> Quality,
     stop: &'a dyn Fn() -> bool,
     begin: Instant,
     /// Index of the first frame of each quality. All have the same random numbers, so that their light differs only in
     /// the paths' lengths.
-    first_frame: u32,
+    pub first_frame: u32,
     /// Measurements by samples per pixel and bounces.
-    timed: HashMap<(u32, u32), Timed>,
+    pub timed: HashMap<(u32, u32), Timed>,
 }
 
 /// The measurements of a quality.
-struct Timed {
-    quality: Quality,
+pub(super) struct Timed {
+    pub quality: Quality,
+    /// Minimum makespan of the timed frames.
+    pub makespan_ms: f64,
     /// Busy time of each stage in milliseconds: the minimum over the timed frames.
     stage_ms: BTreeMap<String, f64>,
     /// Rays per pixel by stage, for stages that trace paths.
@@ -98,7 +99,7 @@ struct Timed {
 }
 
 impl<'a> Calibration<'a> {
-    fn new(
+    pub fn new(
         renderer: &'a mut Renderer,
         view: &'a View<'a>,
         limit: &'a dyn Fn(&Quality) -> Quality,
@@ -123,12 +124,14 @@ impl<'a> Calibration<'a> {
             }
         }
         let missing = self.missing_light();
-        let mut rungs: Vec<Rung> = qualities.iter().map(|q| self.rung(q, missing[&q.bounces])).collect();
+        let blur = self.blur_errors()?;
+        let rung = |q: &Quality| self.rung(q, missing[&q.bounces], blur);
+        let mut rungs: Vec<Rung> = qualities.iter().map(rung).collect();
         let relative_costs = relative_costs(&rungs);
         // Relative costs now come from measurements instead of guesses. Render one more frame, so that the cost model
         // learns times per unit of the new costs.
         if let Some((quality, relative_cost)) = qualities.first().zip(relative_costs.first()) {
-            self.render(quality, relative_cost, self.first_frame)?;
+            self.render(quality, relative_cost, self.first_frame, self.view.time_s)?;
         }
         for (rung, relative_cost) in rungs.iter_mut().zip(relative_costs) {
             let quality = (self.limit)(&rung.quality);
@@ -145,12 +148,13 @@ impl<'a> Calibration<'a> {
         let relative_cost = guessed_relative_cost(quality);
         self.renderer.begin_anew();
         let mut stage_ms: BTreeMap<String, f64> = BTreeMap::new();
-        let (mut rays, mut light, mut untimed) = (BTreeMap::new(), 0.0, least_warm_up);
+        let (mut rays, mut light, mut makespan_ms) = (BTreeMap::new(), 0.0, f64::INFINITY);
+        let mut untimed = least_warm_up;
         for i in 0.. {
             if i == untimed + FRAMES {
                 break;
             }
-            let frame = self.render(quality, &relative_cost, self.first_frame + i)?;
+            let frame = self.render(quality, &relative_cost, self.first_frame + i, self.view.time_s)?;
             rays = frame.stage_rays();
             if i + 1 == FRAMES {
                 light = mean_light(&self.renderer.read_linear()?);
@@ -158,25 +162,28 @@ impl<'a> Calibration<'a> {
             if i == untimed && i < CACHE_FRAMES && frame.spec.caches() && self.begin.elapsed() < fill_until {
                 untimed += 1;
             } else if i >= untimed {
+                makespan_ms = makespan_ms.min(frame.makespan_ms);
                 for (stage, ms) in frame.stage_ms() {
                     stage_ms.entry(stage).and_modify(|least| *least = least.min(ms)).or_insert(ms);
                 }
             }
         }
-        self.timed.insert((quality.spp.least, quality.bounces), Timed { quality: *quality, stage_ms, rays, light });
+        let timed = Timed { quality: *quality, makespan_ms, stage_ms, rays, light };
+        self.timed.insert((quality.spp.least, quality.bounces), timed);
         Ok(())
     }
 
-    fn render(
+    pub fn render(
         &mut self,
         quality: &Quality,
         relative_cost: &RelativeCost,
         index: u32,
+        time_s: f64,
     ) -> Result<FrameReport, CalibrationError> {
         if (self.stop)() {
             return Err(CalibrationError::Stopped);
         }
-        let frame = self.renderer.frame(self.view.rig, self.view.time_s, index);
+        let frame = self.renderer.frame(self.view.rig, time_s, index);
         let (quality, relative_cost) = ((self.limit)(quality), relative_cost.clone());
         Ok(self.renderer.render(&FrameParams { quality, relative_cost, ..frame })?)
     }
@@ -204,8 +211,8 @@ impl<'a> Calibration<'a> {
     }
 
     /// Makes a rung from a quality, with estimated error and stage times. The frame time of the rung is not known yet.
-    fn rung(&self, quality: &Quality, missing_light: f64) -> Rung {
-        let error = guessed_error(quality, missing_light, self.view.rows);
+    fn rung(&self, quality: &Quality, missing_light: f64, blur: Option<BlurErrors>) -> Rung {
+        let error = guessed_error(quality, missing_light, blur);
         let (quality, stage_ms, rays) = (*quality, self.stage_ms(quality), self.rays(quality));
         let (time_ms, is_estimated) = (f64::NAN, true);
         Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated, quality, stage_ms, rays }
@@ -282,7 +289,7 @@ mod tests {
 
     /// Returns the missing light of a calibration whose frames begin at `first_frame`.
     fn missing(renderer: &mut Renderer, scene: &LoadedScene, qualities: &[Quality], first_frame: u32) -> Vec<f64> {
-        let view = View { rig: &scene.shot.rig, time_s: 0.0, rows: 1 };
+        let view = View { rig: &scene.shot.rig, time_s: 0.0 };
         let mut calibration =
             Calibration { first_frame, ..Calibration::new(renderer, &view, &|quality| *quality, &|| false) };
         for quality in qualities {

@@ -1,6 +1,7 @@
 //! Rendering inside a frame budget: a renderer, and a controller that picks the quality of each frame from a ladder.
 
 mod calibration;
+mod blur_errors;
 
 use std::cell::RefCell;
 use std::collections::HashMap;
@@ -86,12 +87,13 @@ impl Session {
     pub fn start(builder: Builder, budget: Budget) -> Result<Self, StartError> {
         let qualities = candidates(Some(Denoiser::SVGF), false);
         let (rig, size) = (builder.rig().clone(), builder.extent());
-        let renderer = builder.envelope(Envelope::of(&qualities)).build()?;
+        let renderer = builder.envelope(Envelope::of(&qualities).with_unfiltered()).build()?;
         Ok(Self::calibrated(renderer, &rig, size, &qualities, budget)?)
     }
 
     /// Begins a session on a renderer of images of this size, and calibrates a ladder of `qualities` for it. The
-    /// renderer's envelope must contain them.
+    /// renderer's envelope must contain them. If it has frames without a filter ([`Envelope::with_unfiltered`]), the
+    /// error of the filter's iterations is measured on devices that are fast enough.
     ///
     /// # Errors
     /// [`CalibrationError`] if a frame fails or no quality could be timed.
@@ -111,7 +113,7 @@ impl Session {
             devices: Vec::new(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
         };
-        let view = View { rig, time_s, rows: size.height };
+        let view = View { rig, time_s };
         let ladder = calibrate(&mut renderer, &view, qualities, &|quality: &Quality| *quality, origin, &|| false)?;
         Ok(Self::new(renderer, ladder, budget))
     }

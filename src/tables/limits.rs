@@ -224,7 +224,7 @@ mod tests {
     use crate::tables::scene_buffers;
 
     fn programs(width: u32, height: u32) -> Vec<Program> {
-        Declarations::default().programs(&FrameSpec::new(Extent::new(width, height), 2)).unwrap()
+        Declarations::default().programs(&FrameSpec::new(Extent::new(width, height), 2), 1..=5).unwrap()
     }
 
     /// Returns the limits of a recent GPU, with WebGPU's default sizes.

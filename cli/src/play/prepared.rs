@@ -14,12 +14,15 @@ impl LoopOptions {
     /// Returns render options with the maximum quality of any frame, for the settings of all frames.
     fn render_options(&self, choice: &Choice, frames: u32) -> Result<RenderOptions, anyhow::Error> {
         let settings = &self.run.settings;
-        let Envelope { most, mixes_spp } = Envelope::of(&choice.qualities);
-        let most = settings.limit(&Quality { fovea: settings.layer_radii(), ..most });
+        let envelope = Envelope::of(&choice.qualities);
+        let most = settings.limit(&Quality { fovea: settings.layer_radii(), ..envelope.most });
+        let envelope = Envelope { most, ..envelope };
+        // The errors of the built-in ladder are measured against frames without a filter.
+        let envelope = if choice.ladder.is_none() { envelope.with_unfiltered() } else { envelope };
         Ok(RenderOptions {
             frames,
             fps: settings.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
-            ..RenderOptions::new(self.run.clone(), Envelope { most, mixes_spp })
+            ..RenderOptions::new(self.run.clone(), envelope)
         })
     }
 

@@ -239,7 +239,7 @@ fn find_ladder(
         devices: Vec::new(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
-    let view = View { rig: &loaded.shot.rig, time_s: render.settings.time, rows: render.settings.size.height };
+    let view = View { rig: &loaded.shot.rig, time_s: render.settings.time };
     let limit = |quality: &Quality| options.run.settings.limit(quality);
     let begun = Cell::new(0);
     let stop = || {

@@ -107,7 +107,7 @@ impl Playing {
 fn begin(renderer: &Renderer, devices: Devices, budget: Budget, rig: &Rig) -> Result<Session, Failure> {
     let options = &renderer.options.render;
     let qualities = candidates(options.quality().denoiser(), false);
-    let most = RenderOptions::new(options.run.clone(), Envelope::of(&qualities));
+    let most = RenderOptions::new(options.run.clone(), Envelope::of(&qualities).with_unfiltered());
     let most = RenderOptions { aovs: options.aovs.clone(), ..most };
     let loaded = renderer.scene.get().loaded();
     let inner = start(&most, &loaded, devices, renderer.policy.as_ref())?;

@@ -91,10 +91,15 @@ pub trait Denoise: Sync {
         Denoiser::MAX_ITERATIONS
     }
 
-    /// Estimates the FLIP that noise and blur leave at this number of samples per pixel, for the built-in ladder.
-    /// `rows` is the height of an eye's image. The default is for a filter that uses only the current frame.
-    fn estimated_flip(&self, samples: f64, iterations: u32, _rows: u32) -> f64 {
-        (0.55 + 0.45 * 0.5f64.powi(iterations as i32 - 1)) * 0.18 * samples.powf(-0.35)
+    /// Estimates the FLIP that noise and blur leave at this number of samples per pixel after one iteration, for the
+    /// built-in ladder. The default is for a filter that uses only the current frame.
+    fn estimated_flip(&self, samples: f64) -> f64 {
+        0.18 * samples.powf(-0.35)
+    }
+
+    /// Estimates the FLIP after five iterations over that after one.
+    fn estimated_blur(&self) -> f64 {
+        0.58
     }
 
     /// Returns the passes before the filter, such as temporal accumulation.

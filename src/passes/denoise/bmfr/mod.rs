@@ -7,6 +7,7 @@
 
 use glam::UVec4;
 
+use super::svgf::Svgf;
 use super::{Denoise, Light, PARTITION, gradient, taa};
 use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
@@ -108,10 +109,10 @@ impl Denoise for Bmfr {
         1
     }
 
-    /// Multiplies an estimate for svgf by 1.13, the mean ratio of the two denoisers' FLIP over six scenes at 180 rows
-    /// and one sample per pixel.
-    fn estimated_flip(&self, samples: f64, _iterations: u32, _rows: u32) -> f64 {
-        1.13 * (0.055 + 0.022 * samples.powf(-0.65))
+    /// Multiplies the estimate for five iterations of svgf by 1.13, the mean ratio of the two denoisers' FLIP over six
+    /// scenes at 180 rows and one sample per pixel.
+    fn estimated_flip(&self, samples: f64) -> f64 {
+        1.13 * Svgf.estimated_blur() * Svgf.estimated_flip(samples)
     }
 
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
