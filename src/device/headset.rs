@@ -121,11 +121,7 @@ impl HeadsetDevice {
         let (device, queue) = unsafe { adapter.create_device_from_hal(open, &descriptor) }
             .map_err(|source| DeviceError::Open { index: 0, name: described.name.clone(), source })?;
         let binding = Binding { instance: raw.0, physical: physical.as_raw(), device: handle, family };
-        let gpu = if renders {
-            first.opened(device, queue, instance)
-        } else {
-            watched_screen(described, device, queue, instance)
-        };
+        let gpu = if renders { first.opened(device, queue) } else { watched_screen(described, device, queue) };
         Ok(Self { gpu, renders, binding })
     }
 

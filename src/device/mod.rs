@@ -88,8 +88,6 @@ pub struct GpuDevice {
     failure: Arc<Mutex<Option<DeviceFailure>>>,
     /// Pool that the device returns to.
     pool: Option<DevicePool>,
-    /// Instance, which must live as long as the device.
-    instance: wgpu::Instance,
 }
 
 /// Number of slices that a wait is divided into. If the whole process is suspended, at most one slice is lost.
@@ -118,7 +116,6 @@ impl GpuDevice {
             pipelines: self.pipelines.clone(),
             failure: Arc::clone(&self.failure),
             pool: None,
-            instance: self.instance.clone(),
         }
     }
 

@@ -1,6 +1,6 @@
 //! Opens devices.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, PoisonError};
 
 use super::adapters::{
     AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, OPENING, Selection, adapters, choose, enumerate,
@@ -110,11 +110,11 @@ impl Wanted<'_> {
     }
 
     /// Wraps the opened wgpu device.
-    pub(super) fn opened(&self, device: wgpu::Device, queue: wgpu::Queue, instance: wgpu::Instance) -> GpuDevice {
+    pub(super) fn opened(&self, device: wgpu::Device, queue: wgpu::Queue) -> GpuDevice {
         let Self { index, adapter, threads, traversal } = *self;
         let about = DeviceInfo::new(&adapter.info, &device);
         let info = DeviceInfo { index, adapter: adapter.index, threads, traversal, ..about };
-        watched(info, adapter.quirks, device, queue, instance)
+        watched(info, adapter.quirks, device, queue)
     }
 }
 
@@ -123,24 +123,18 @@ fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
     wanted.request_threads();
     let AdapterReport { index, ref name, .. } = *wanted.adapter;
-    let instance = new_instance();
-    let adapter = enumerate(&instance).into_iter().nth(index).ok_or(DeviceError::NoAdapter)?;
+    let adapter = enumerate(&new_instance()).into_iter().nth(index).ok_or(DeviceError::NoAdapter)?;
     let (device, queue) = pollster::block_on(adapter.request_device(&wanted.descriptor(adapter.limits())))
         .map_err(|source| DeviceError::Open { index, name: name.clone(), source })?;
-    Ok(wanted.opened(device, queue, instance))
+    Ok(wanted.opened(device, queue))
 }
 
 /// Wraps an opened device and registers callbacks that record its failure.
-pub(super) fn watched(
-    info: DeviceInfo,
-    quirks: Quirks,
-    device: wgpu::Device,
-    queue: wgpu::Queue,
-    instance: wgpu::Instance,
-) -> GpuDevice {
-    let failure = Arc::new(Mutex::new(None));
-    let note = |failure: &Arc<Mutex<Option<DeviceFailure>>>| {
-        let failure = Arc::clone(failure);
+pub(super) fn watched(info: DeviceInfo, quirks: Quirks, device: wgpu::Device, queue: wgpu::Queue) -> GpuDevice {
+    let (patience, pipelines) = (GpuDevice::START_PATIENCE, Pipelines::default());
+    let gpu = GpuDevice { info, quirks, device, queue, patience, pipelines, failure: Arc::default(), pool: None };
+    let note = || {
+        let failure = Arc::clone(&gpu.failure);
         move |what: DeviceFailure| {
             let mut known = failure.lock().unwrap_or_else(PoisonError::into_inner);
             // Calls on a lost device may report other errors before the loss itself is reported, so a loss replaces an
@@ -153,14 +147,13 @@ pub(super) fn watched(
             }
         }
     };
-    let (lost, failed) = (note(&failure), note(&failure));
-    device.set_device_lost_callback(move |reason, message| {
+    let (lost, failed) = (note(), note());
+    gpu.device.set_device_lost_callback(move |reason, message| {
         let what = format!("device lost ({reason:?}) {message}").trim_end().to_owned();
         lost(DeviceFailure { kind: FailureKind::Loss, what });
     });
-    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
-    let (patience, pipelines) = (GpuDevice::START_PATIENCE, Pipelines::default());
-    GpuDevice { info, quirks, device, queue, patience, pipelines, failure, pool: None, instance }
+    gpu.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
+    gpu
 }
 
 #[cfg(test)]

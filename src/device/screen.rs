@@ -13,6 +13,7 @@ pub struct ScreenDevice {
     pub gpu: GpuDevice,
     pub adapter: wgpu::Adapter,
     pub surface: wgpu::Surface<'static>,
+    instance: wgpu::Instance,
 }
 
 impl ScreenDevice {
@@ -39,7 +40,7 @@ impl ScreenDevice {
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|source| DeviceError::Open { index: 0, name: described.name.clone(), source })?;
-        Ok(Self { gpu: watched_screen(described, device, queue, instance), adapter, surface })
+        Ok(Self { gpu: watched_screen(described, device, queue), adapter, surface, instance })
     }
 
     /// Recreates the surface after it was lost.
@@ -47,20 +48,15 @@ impl ScreenDevice {
     /// # Errors
     /// [`DeviceError::Surface`].
     pub fn renew_surface(&mut self, window: impl Into<wgpu::SurfaceTarget<'static>>) -> Result<(), DeviceError> {
-        self.surface = self.gpu.instance.create_surface(window)?;
+        self.surface = self.instance.create_surface(window)?;
         Ok(())
     }
 }
 
 /// Wraps a device that presents images of others; `described` is its adapter.
-pub(super) fn watched_screen(
-    described: wgpu::AdapterInfo,
-    device: wgpu::Device,
-    queue: wgpu::Queue,
-    instance: wgpu::Instance,
-) -> GpuDevice {
+pub(super) fn watched_screen(described: wgpu::AdapterInfo, device: wgpu::Device, queue: wgpu::Queue) -> GpuDevice {
     let quirks = Quirks::of(&described);
     let threads = (quirks.threads_by_environment && environment::is_settable()).then_some(1);
     let info = DeviceInfo { threads, ..DeviceInfo::new(&described, &device) };
-    watched(info, quirks, device, queue, instance)
+    watched(info, quirks, device, queue)
 }
