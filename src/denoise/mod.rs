@@ -115,7 +115,6 @@ pub struct FrameDenoiser {
     gpu: GpuDevice,
     stages: DeviceStages,
     program: Arc<Program>,
-    queries: wgpu::QuerySet,
     readback: wgpu::Buffer,
     /// Constants of the last frame; `None` if there is no history.
     previous: Option<layout::Previous>,
@@ -164,14 +163,13 @@ impl FrameDenoiser {
         let program = Program::new(spec.extent, spec.seam, passes).map_err(crate::stages::StageError::from)?;
         let (tables, programs) = (no_scene()?, [program]);
         let mut stages = DeviceStages::new(&mut gpu, settings.config(), &tables, &programs)?;
-        let queries = gpu.timestamps("stamps", 2);
-        stages.warm_up(&gpu, &queries, &programs);
+        stages.warm_up(&gpu, &programs);
         gpu.wait(None)?;
         let [program] = programs;
         let bytes = settings.views as u64 * LINEAR.bytes(settings.extent);
         let readback = gpu.buffer("read back", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
         let program = Arc::new(program);
-        Ok(Self { settings: settings.clone(), gpu, stages, program, queries, readback, previous: None, denoised: 0 })
+        Ok(Self { settings: settings.clone(), gpu, stages, program, readback, previous: None, denoised: 0 })
     }
 
     /// Returns the device, for use by another denoiser or renderer. It keeps its compiled pipelines.
@@ -270,8 +268,8 @@ impl FrameDenoiser {
     }
 
     fn record(&mut self, encoder: &mut wgpu::CommandEncoder, place: Place, samples: PixelSamples) {
-        let Self { gpu, stages, program, queries, .. } = self;
-        let mut recording = Recording { gpu, queries, encoder, program, place };
+        let Self { gpu, stages, program, .. } = self;
+        let mut recording = Recording { gpu, queries: None, encoder, program, place };
         for (pass, linked) in program.passes().iter().enumerate() {
             let rows = linked.pass.grid.extent(program.extent).rows();
             let all = Position::start(&rows)..Position::END;

@@ -33,7 +33,6 @@ const NAN: u32 = 0x7fc0_7fc0;
 struct Bench {
     gpu: GpuDevice,
     stages: DeviceStages,
-    queries: wgpu::QuerySet,
     tables: SceneTables,
     frames: u32,
     before: Option<Previous>,
@@ -63,12 +62,7 @@ impl Bench {
         config.envelope.most.filter = Some(Filter::new(Denoiser::SVGF, ITERATIONS));
         config.buffers.reproject = false;
         let stages = DeviceStages::new(&mut gpu, config, &tables, &[program(Some(0))]).unwrap();
-        let queries = gpu.device.create_query_set(&wgpu::QuerySetDescriptor {
-            label: None,
-            ty: wgpu::QueryType::Timestamp,
-            count: 2,
-        });
-        Self { gpu, stages, queries, tables, frames: 0, before: None }
+        Self { gpu, stages, tables, frames: 0, before: None }
     }
 
     /// Renders the next frame, with both eyes moved `step` to the right since the previous one. Returns the colours of
@@ -82,8 +76,8 @@ impl Bench {
         let previous = before.unwrap_or(Previous::from(&frame));
         self.stages.begin(&self.gpu, &frame, &previous, &Default::default());
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let (gpu, queries, program) = (&self.gpu, &self.queries, &program);
-        let mut to = Recording { gpu, queries, encoder: &mut encoder, program, place };
+        let (gpu, program) = (&self.gpu, &program);
+        let mut to = Recording { gpu, queries: None, encoder: &mut encoder, program, place };
         let samples = frame.sampling.samples;
         let (ticket, device, repeats, injected) = (0, 0, 1, None);
         let share = Share { ticket, device, samples, splits: &Splits::default(), repeats, injected, asks: false };

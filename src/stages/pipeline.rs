@@ -152,12 +152,13 @@ impl DeviceStages {
 
     /// Runs every pipeline of these programs once on no rows, so that drivers compile it now rather than in the first
     /// frame.
-    pub fn warm_up(&mut self, gpu: &GpuDevice, queries: &wgpu::QuerySet, programs: &[Program]) {
+    pub fn warm_up(&mut self, gpu: &GpuDevice, programs: &[Program]) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut warm: Vec<(&str, bool)> = Vec::new();
         for program in programs {
             let program = &Arc::new(program.clone());
-            let mut recording = Recording { gpu, queries, encoder: &mut encoder, program, place: Place::default() };
+            let place = Place::default();
+            let mut recording = Recording { gpu, queries: None, encoder: &mut encoder, program, place };
             for (pass, linked) in program.passes().iter().enumerate() {
                 let kernel = linked.pass.kernel;
                 let of_kernel = self.built.iter().filter(|b| b.kernel.name == kernel.name);
@@ -256,8 +257,8 @@ impl DeviceStages {
 /// An encoder to record to, and the data that all commands of a frame share.
 pub struct Recording<'a> {
     pub gpu: &'a GpuDevice,
-    /// Timestamps around the dispatches.
-    pub queries: &'a wgpu::QuerySet,
+    /// Timestamps around the dispatches; `None` if they are not timed.
+    pub queries: Option<&'a wgpu::QuerySet>,
     pub encoder: &'a mut wgpu::CommandEncoder,
     pub program: &'a Arc<Program>,
     /// Selects the buffers that the frame writes.
@@ -267,8 +268,8 @@ pub struct Recording<'a> {
 impl Recording<'_> {
     /// Begins a pass between the timestamps of these indices.
     fn begin_pass(&mut self, stage: Stage, [begins, ends]: [Option<u32>; 2]) -> wgpu::ComputePass<'_> {
-        let times = begins.or(ends).map(|_| wgpu::ComputePassTimestampWrites {
-            query_set: self.queries,
+        let times = begins.or(ends).and(self.queries).map(|query_set| wgpu::ComputePassTimestampWrites {
+            query_set,
             beginning_of_pass_write_index: begins,
             end_of_pass_write_index: ends,
         });

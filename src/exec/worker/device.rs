@@ -46,7 +46,7 @@ impl WorkerDevice {
         let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
         let mut stages = DeviceStages::new(&mut gpu, config.clone(), tables, programs)?;
         let queries = gpu.timestamps("stamps", 2 * MOST_TIMED as u32);
-        stages.warm_up(&gpu, &queries, programs);
+        stages.warm_up(&gpu, programs);
         gpu.wait(None).map_err(failed)?;
         let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
         let stamp_buffer = gpu.buffer("stamps", 2 * MOST_TIMED as u64 * 8, usage);
@@ -101,7 +101,7 @@ impl WorkerDevice {
         place: Place,
     ) -> (&'a mut DeviceStages, Recording<'a>) {
         let Self { gpu, stages, queries, .. } = self;
-        (stages, Recording { gpu, queries, encoder, program, place })
+        (stages, Recording { gpu, queries: Some(queries), encoder, program, place })
     }
 
     /// Records a copy of rows to a readback buffer.
