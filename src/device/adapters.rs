@@ -12,7 +12,7 @@ pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu
 pub(crate) const MAX_DEVICES: usize = 64;
 
 /// Storage buffers per shader stage that a device must support: SVGF's accumulation binds the most.
-const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
+pub(super) const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
 pub(super) const IMMEDIATE_BYTES: u32 = 64;
 
 /// Oldest major release of Mesa whose software driver is known to be fast: it renders frames 1.3 to 2.5 times as fast
@@ -176,15 +176,17 @@ fn kind_name(kind: wgpu::DeviceType) -> &'static str {
     }
 }
 
-fn missing(features: wgpu::Features, limits: &wgpu::Limits) -> Vec<String> {
+/// Names those of the `required` features, and of the limits, that an adapter or device lacks.
+pub(super) fn missing(required: wgpu::Features, features: wgpu::Features, limits: &wgpu::Limits) -> Vec<String> {
     let mut missing = Vec::new();
-    if !features.contains(wgpu::Features::IMMEDIATES) {
+    let lacking = required - features;
+    if lacking.contains(wgpu::Features::IMMEDIATES) {
         missing.push("immediate (push) constants".to_owned());
     } else if limits.max_immediate_size < IMMEDIATE_BYTES {
         let bytes = limits.max_immediate_size;
         missing.push(format!("bytes of immediate (push) constants ({bytes} of {IMMEDIATE_BYTES})"));
     }
-    if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
+    if lacking.contains(wgpu::Features::TIMESTAMP_QUERY) {
         missing.push("timestamp queries".to_owned());
     }
     if limits.max_storage_buffers_per_shader_stage < STORAGE_BUFFERS_PER_STAGE {
@@ -212,7 +214,7 @@ fn advice(info: &wgpu::AdapterInfo) -> Option<String> {
 fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     let info = adapter.get_info();
     let advice = advice(&info);
-    let missing = missing(adapter.features(), &adapter.limits());
+    let missing = missing(Traversal::Compute.features(), adapter.features(), &adapter.limits());
     let hint = if missing.is_empty() { "" } else { "update its driver or choose another adapter" };
     let limits = adapter.limits();
     let quirks = Quirks::of(&info);
@@ -284,21 +286,19 @@ pub(super) fn choose(found: &[AdapterReport], selection: &Selection) -> Result<V
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::GpuDevice;
     use wgpu::DeviceType;
 
     #[test]
     fn missing_features_and_limits_are_named() {
-        let features = wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY;
-        let enough = wgpu::Limits {
-            max_storage_buffers_per_shader_stage: STORAGE_BUFFERS_PER_STAGE,
-            max_immediate_size: IMMEDIATE_BYTES,
-            ..wgpu::Limits::downlevel_defaults()
-        };
-        assert_eq!(missing(features, &enough), [""; 0]);
-        assert_eq!(missing(wgpu::Features::empty(), &enough), ["immediate (push) constants", "timestamp queries"]);
+        let (none, all) = (wgpu::Features::empty(), Traversal::Compute.features());
+        let enough = GpuDevice::required_limits(wgpu::Limits::downlevel_defaults());
+        assert_eq!(missing(all, all, &enough), [""; 0]);
+        assert_eq!(missing(all, none, &enough), ["immediate (push) constants", "timestamp queries"]);
+        assert_eq!(missing(GpuDevice::REQUIRED_FEATURES, none, &enough), ["immediate (push) constants"]);
         let limits = wgpu::Limits { max_storage_buffers_per_shader_stage: 4, max_immediate_size: 32, ..enough };
         let expected = ["bytes of immediate (push) constants (32 of 64)", "storage buffers per stage (4 of 13)"];
-        assert_eq!(missing(features, &limits), expected);
+        assert_eq!(missing(all, all, &limits), expected);
     }
 
     #[test]

@@ -53,6 +53,10 @@ pub enum DeviceError {
         "adapter {index} ({name}, {driver}) has no ray queries, which hardware traversal needs: update its driver (Mesa's software driver has them in version 25), or choose compute traversal or another adapter"
     )]
     NoRayQueries { index: usize, name: String, driver: String },
+    #[error(
+        "the device on {name} lacks {missing}: request GpuDevice::REQUIRED_FEATURES and GpuDevice::required_limits when you open it"
+    )]
+    GivenLacks { name: String, missing: String },
     #[error("cannot open a device on adapter {index} ({name})")]
     Open { index: usize, name: String, source: wgpu::RequestDeviceError },
     #[cfg(feature = "view")]

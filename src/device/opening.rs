@@ -3,8 +3,8 @@
 use std::sync::{Arc, PoisonError};
 
 use super::adapters::{
-    AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, OPENING, Selection, adapters, choose, enumerate,
-    new_instance, traversal_of,
+    AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, OPENING, STORAGE_BUFFERS_PER_STAGE, Selection, adapters,
+    choose, enumerate, missing, new_instance, traversal_of,
 };
 use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Pipelines, Quirks, Traversal, environment};
 
@@ -131,8 +131,7 @@ fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
 
 /// Wraps an opened device and registers callbacks that record its failure.
 pub(super) fn watched(info: DeviceInfo, quirks: Quirks, device: wgpu::Device, queue: wgpu::Queue) -> GpuDevice {
-    let (patience, pipelines) = (GpuDevice::START_PATIENCE, Pipelines::default());
-    let gpu = GpuDevice { info, quirks, device, queue, patience, pipelines, failure: Arc::default(), pool: None };
+    let gpu = wrapped(info, quirks, device, queue);
     let note = || {
         let failure = Arc::clone(&gpu.failure);
         move |what: DeviceFailure| {
@@ -154,6 +153,47 @@ pub(super) fn watched(info: DeviceInfo, quirks: Quirks, device: wgpu::Device, qu
     });
     gpu.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
     gpu
+}
+
+impl GpuDevice {
+    /// Features that a device needs for the denoiser alone. Renderers also need timestamp queries.
+    pub const REQUIRED_FEATURES: wgpu::Features = wgpu::Features::IMMEDIATES;
+
+    /// Raises limits to those that a device needs. Images of more than 8 million pixels also need larger buffers than
+    /// by default.
+    pub fn required_limits(limits: wgpu::Limits) -> wgpu::Limits {
+        wgpu::Limits {
+            max_immediate_size: limits.max_immediate_size.max(IMMEDIATE_BYTES),
+            max_storage_buffers_per_shader_stage: limits
+                .max_storage_buffers_per_shader_stage
+                .max(STORAGE_BUFFERS_PER_STAGE),
+            ..limits
+        }
+    }
+
+    /// Wraps a device that you have opened, for [`FrameDenoiser::on`](crate::denoise::FrameDenoiser::on). Devices and
+    /// queues are handles, so pass clones. Request [`Self::REQUIRED_FEATURES`] and [`Self::required_limits`] for it.
+    ///
+    /// Its callbacks for a lost device and for uncaptured errors remain yours, and receive errors of the denoiser's work
+    /// such as a lack of memory. Without a callback, wgpu panics. [`Self::failure`] knows only failures that a wait for the
+    /// device returned.
+    ///
+    /// # Errors
+    /// [`DeviceError::GivenLacks`] names the features and limits that the device lacks.
+    pub fn from_wgpu(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, DeviceError> {
+        let adapter = device.adapter_info();
+        let missing = missing(Self::REQUIRED_FEATURES, device.features(), &device.limits());
+        if !missing.is_empty() {
+            return Err(DeviceError::GivenLacks { name: adapter.name, missing: missing.join(", ") });
+        }
+        Ok(wrapped(DeviceInfo::new(&adapter, &device), Quirks::of(&adapter), device, queue))
+    }
+}
+
+/// Wraps an opened device whose callbacks belong to the caller.
+fn wrapped(info: DeviceInfo, quirks: Quirks, device: wgpu::Device, queue: wgpu::Queue) -> GpuDevice {
+    let (patience, pipelines) = (GpuDevice::START_PATIENCE, Pipelines::default());
+    GpuDevice { info, quirks, device, queue, patience, pipelines, failure: Arc::default(), pool: None }
 }
 
 #[cfg(test)]

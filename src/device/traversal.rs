@@ -1,5 +1,7 @@
 //! Selects ray traversal in compute shaders or by hardware ray queries.
 
+use super::GpuDevice;
+
 /// Ray traversal of a device.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -24,7 +26,7 @@ impl Traversal {
 
     /// Returns the features to open devices with.
     pub(crate) fn features(self) -> wgpu::Features {
-        let always = wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY;
+        let always = GpuDevice::REQUIRED_FEATURES | wgpu::Features::TIMESTAMP_QUERY;
         match self {
             Self::Compute => always,
             Self::Hardware => always | wgpu::Features::EXPERIMENTAL_RAY_QUERY,
