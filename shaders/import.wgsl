@@ -1,11 +1,8 @@
 // Imports a frame of another renderer: writes the images of the G-buffer and of path tracing from the arrays that the
-// host gives. Emission bypasses the filter, and so does light that no albedo can demodulate, on black surfaces and in the
+// caller gives. Emission bypasses the filter, and so does light that no albedo can demodulate, on black surfaces and in the
 // sky.
 
 //!include frame grid projection split pack motion bindings
-
-// Each of these arrays holds three floats per pixel: `imported_color`, `imported_emission`, `imported_albedo`,
-// `imported_normal`, `imported_position` and, in dynamic scenes, `imported_last_position`.
 
 // Square of the length up to which a normal counts as 0.
 const NO_LENGTH: f32 = 1e-12;
@@ -17,15 +14,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let i = 3u * at;
-    let color = vec3<f32>(imported_color[i], imported_color[i + 1u], imported_color[i + 2u]);
-    let emitted = vec3<f32>(imported_emission[i], imported_emission[i + 1u], imported_emission[i + 2u]);
-    let given = vec3<f32>(imported_normal[i], imported_normal[i + 1u], imported_normal[i + 2u]);
-    let position = vec3<f32>(imported_position[i], imported_position[i + 1u], imported_position[i + 2u]);
+    let color = imported_color[at].xyz;
+    let emitted = imported_emission[at].xyz;
+    let given = imported_normal[at].xyz;
+    let position = imported_position[at].xyz;
     let is_surface = dot(given, given) > NO_LENGTH && is_finite(position);
     let normal = select(vec3<f32>(0.0, 0.0, 1.0), normalize(given), is_surface);
-    var albedo = vec3<f32>(imported_albedo[i], imported_albedo[i + 1u], imported_albedo[i + 2u]);
-    albedo = select(vec3<f32>(0.0), albedo, is_surface);
+    var albedo = select(vec3<f32>(0.0), imported_albedo[at].xyz, is_surface);
     let light = over(scaled(color - emitted), albedo);
     let is_black = absent(light);
     albedo = select(albedo, vec3<f32>(0.0), is_black);
@@ -40,11 +35,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     radiance_image[at] = pack_sampled(light, vec3<f32>(0.0));
     tally_image[at] = 0u;
     if HAS_MOTION {
-        let last = vec3<f32>(
-            imported_last_position[i],
-            imported_last_position[i + 1u],
-            imported_last_position[i + 2u],
-        );
+        let last = imported_last_position[at].xyz;
         // A surface that the previous frame did not have gets the opposite normal, which none of its surfaces has.
         let was_there = is_finite(last);
         let before = vec4<u32>(

@@ -1,47 +1,47 @@
 //! A view of a frame that another renderer gives to the denoiser.
 
-use super::{DenoiseError, Settings};
+use super::{Array, DenoiseError, Settings};
 use crate::scene::rig::View;
 
-/// A view of a frame: its camera and its arrays, row after row from the top left, with three values per pixel.
+/// A view whose arrays are on the host, with three values per pixel, row after row from the top left.
+pub type Given<'a> = Inputs<&'a [[f32; 3]]>;
+
+/// A view whose arrays are buffers of the denoiser's device, with four `f32` per pixel: see [`Array`].
+pub type GivenBuffers<'a> = Inputs<&'a wgpu::Buffer>;
+
+/// A view of a frame: its camera and its arrays.
 ///
 /// A pixel with the normal 0 or a position that is not finite shows no surface. It is not filtered, and so are channels
 /// whose albedo is 0, such as those of a black lamp.
 #[derive(Clone, Copy, Debug)]
-pub struct Given<'a> {
+pub struct Inputs<A> {
     /// Camera of the view. Its axes are orthonormal, and pixels are square.
     pub camera: View,
     /// Radiance in linear RGB: all light, emission included. Negative values count as 0.
-    pub color: &'a [[f32; 3]],
+    pub color: A,
     /// The part of the radiance that the surface or the sky emits. It is not filtered. `None` stands for 0: bright lamps
     /// then blur over their surroundings, unless their albedo is 0.
-    pub emission: Option<&'a [[f32; 3]]>,
+    pub emission: Option<A>,
     /// Fraction of uniform light that the surface reflects, in linear RGB.
-    pub albedo: &'a [[f32; 3]],
+    pub albedo: A,
     /// Shading normal in world space, of any length.
-    pub normal: &'a [[f32; 3]],
+    pub normal: A,
     /// Position in world space, in the unit of the camera's position.
-    pub position: &'a [[f32; 3]],
+    pub position: A,
     /// Position of the surface in the previous frame, in world space; not finite if the surface is new. `None` stands for
     /// [`Self::position`].
-    pub last_position: Option<&'a [[f32; 3]]>,
+    pub last_position: Option<A>,
 }
 
-impl<'a> Given<'a> {
+impl<A> Inputs<A> {
     /// Creates a view whose surfaces emit no light and have not moved since the previous frame.
-    pub fn new(
-        camera: View,
-        color: &'a [[f32; 3]],
-        albedo: &'a [[f32; 3]],
-        normal: &'a [[f32; 3]],
-        position: &'a [[f32; 3]],
-    ) -> Self {
+    pub fn new(camera: View, color: A, albedo: A, normal: A, position: A) -> Self {
         Self { camera, color, albedo, normal, position, emission: None, last_position: None }
     }
 }
 
 /// Checks the views of a frame.
-pub(super) fn check(settings: &Settings, views: &[Given<'_>]) -> Result<(), DenoiseError> {
+pub(super) fn check(settings: &Settings, views: &[Inputs<impl Array>]) -> Result<(), DenoiseError> {
     let given = |text: String| Err(DenoiseError::Given(text));
     if views.len() != settings.views {
         return given(format!("the frame has {} views, not {}", views.len(), settings.views));
@@ -59,15 +59,9 @@ pub(super) fn check(settings: &Settings, views: &[Given<'_>]) -> Result<(), Deno
             ("position", view.position, false),
             ("last_position", last, false),
         ];
-        for (name, values, is_finite) in arrays {
-            if values.len() != settings.extent.area() {
-                let (found, extent) = (values.len(), settings.extent);
-                return given(format!("{name} of view {number} has {found} pixels, which are not {extent}"));
-            }
-            let wrong = values.as_flattened().iter().filter(|value| !value.is_finite()).count();
-            if is_finite && wrong > 0 {
-                return given(format!("{name} of view {number} has {wrong} values that are not finite"));
-            }
+        for (name, array, is_finite) in arrays {
+            let checked = array.check(settings.extent, is_finite);
+            checked.or_else(|wrong| given(format!("{name} of view {number} {wrong}")))?;
         }
         let View { origin, right, up, forward, tan_half_yfov } = view.camera;
         let is_finite = [origin, right, up, forward].iter().all(|axis| axis.is_finite());

@@ -1,11 +1,13 @@
 //! The denoiser alone, for frames of any renderer. [`FrameDenoiser`] takes arrays of a frame and runs the passes of
 //! `svgf` on one device, without a scene, workers or a frame budget.
 
+mod array;
 mod error;
 mod given;
 
+pub use array::Array;
 pub use error::DenoiseError;
-pub use given::Given;
+pub use given::{Given, GivenBuffers, Inputs};
 
 use std::sync::{Arc, mpsc};
 
@@ -29,7 +31,7 @@ use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
 use crate::schedule::Position;
 use crate::stages::{DeviceStages, Place, Recording};
-use crate::tables::{SceneTables, SceneUpdate};
+use crate::tables::SceneTables;
 
 /// Settings that all frames of a [`FrameDenoiser`] share.
 #[derive(Clone, Debug, PartialEq)]
@@ -115,7 +117,8 @@ pub struct FrameDenoiser {
     gpu: GpuDevice,
     stages: DeviceStages,
     program: Arc<Program>,
-    readback: wgpu::Buffer,
+    /// Buffer of [`Self::denoise`], from its first call on.
+    readback: Option<wgpu::Buffer>,
     /// Constants of the last frame; `None` if there is no history.
     previous: Option<layout::Previous>,
     denoised: u64,
@@ -148,7 +151,8 @@ impl FrameDenoiser {
         Ok(first.ok_or(device::DeviceError::NoAdapter)?)
     }
 
-    /// Creates a denoiser on an open device.
+    /// Creates a denoiser on an open device, of the library or of your own ([`GpuDevice::from_wgpu`]). It compiles the
+    /// shaders, and waits until the device is idle.
     ///
     /// # Errors
     /// [`DenoiseError::Setting`] if a setting is invalid, [`DenoiseError::Stage`] if the device cannot run the passes,
@@ -166,10 +170,8 @@ impl FrameDenoiser {
         stages.warm_up(&gpu, &programs);
         gpu.wait(None)?;
         let [program] = programs;
-        let bytes = settings.views as u64 * LINEAR.bytes(settings.extent);
-        let readback = gpu.buffer("read back", bytes, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST);
-        let program = Arc::new(program);
-        Ok(Self { settings: settings.clone(), gpu, stages, program, readback, previous: None, denoised: 0 })
+        let (settings, program) = (settings.clone(), Arc::new(program));
+        Ok(Self { settings, gpu, stages, program, readback: None, previous: None, denoised: 0 })
     }
 
     /// Returns the device, for use by another denoiser or renderer. It keeps its compiled pipelines.
@@ -194,31 +196,57 @@ impl FrameDenoiser {
     /// [`DenoiseError::Given`] if the number of views, the size of an array or a value is wrong, which leaves the history as
     /// it is; [`DenoiseError::Device`] if the device fails.
     pub fn denoise(&mut self, views: &[Given<'_>]) -> Result<Vec<RgbImage>, DenoiseError> {
-        given::check(&self.settings, views)?;
-        let place = Place::of(self.denoised, 1);
-        let constants = self.constants(views);
-        let previous = self.previous.unwrap_or_else(|| (&constants).into());
-        self.stages.begin(&self.gpu, &constants, &previous, &SceneUpdate::default());
-        for (eye, given) in Eye::ALL.into_iter().zip(views) {
-            self.upload(eye, given);
-        }
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        for (eye, _) in Eye::ALL.into_iter().zip(views).filter(|(_, given)| given.emission.is_none()) {
-            encoder.clear_buffer(self.stages.images.buffer(&bound(import::EMITTED), eye, place), 0, None);
-        }
-        self.record(&mut encoder, place, constants.sampling.samples);
+        self.record(&mut encoder, views)?;
         let bytes = LINEAR.bytes(self.settings.extent);
-        for (eye, at) in Eye::ALL.into_iter().zip(0..views.len() as u64) {
-            let source = self.stages.images.buffer(&bound(LINEAR), eye, place);
-            encoder.copy_buffer_to_buffer(source, 0, &self.readback, at * bytes, bytes);
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let new = || self.gpu.buffer("read back", views.len() as u64 * bytes, usage);
+        let readback = self.readback.take().unwrap_or_else(new);
+        for (output, at) in self.outputs().into_iter().zip(0..) {
+            encoder.copy_buffer_to_buffer(output, 0, &readback, at * bytes, bytes);
         }
         self.gpu.queue.submit([encoder.finish()]);
-        let images = self.read()?;
-        (self.previous, self.denoised) = (Some((&constants).into()), self.denoised + 1);
+        let images = self.read(&readback)?;
+        self.readback = Some(readback);
         Ok(images)
     }
 
-    fn constants(&self, views: &[Given<'_>]) -> layout::Frame {
+    /// Records the passes of a frame like [`Self::denoise`], without submitting them or waiting for them. The denoised
+    /// images are in [`Self::outputs`] for the commands that follow.
+    ///
+    /// The values of buffers are not checked: write no infinity or NaN, except to positions.
+    ///
+    /// Submit the encoders of successive frames in the order in which they were recorded. If you do not submit one, call
+    /// [`Self::reset`].
+    ///
+    /// # Errors
+    /// [`DenoiseError::Given`] if the number of views, the size or usage of an array or a value is wrong, which records
+    /// nothing and leaves the history as it is.
+    pub fn record(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        views: &[Inputs<impl Array>],
+    ) -> Result<(), DenoiseError> {
+        given::check(&self.settings, views)?;
+        let constants = self.constants(views);
+        let previous = self.previous.unwrap_or_else(|| (&constants).into());
+        self.stages.set_constants(&self.gpu, encoder, &constants, &previous);
+        for (eye, given) in Eye::ALL.into_iter().zip(views) {
+            self.import(encoder, eye, given);
+        }
+        self.dispatch(encoder, Place::of(self.denoised, 1), constants.sampling.samples);
+        (self.previous, self.denoised) = (Some((&constants).into()), self.denoised + 1);
+        Ok(())
+    }
+
+    /// Returns the buffer of each view's denoised image: linear RGB and 1, four `f32` per pixel, row after row from the top
+    /// left. Its usages are `STORAGE`, `COPY_SRC` and `COPY_DST`. All frames are denoised into the same buffers.
+    pub fn outputs(&self) -> Vec<&wgpu::Buffer> {
+        let output = |eye| self.stages.images.buffer(&bound(LINEAR), eye, Place::default());
+        Eye::ALL.into_iter().take(self.settings.views).map(output).collect()
+    }
+
+    fn constants<A>(&self, views: &[Inputs<A>]) -> layout::Frame {
         let Extent { width, height } = self.settings.extent;
         let aspect = f64::from(width) / f64::from(height);
         let view = |eye: usize| layout::View::new(&views[eye.min(views.len() - 1)].camera, aspect);
@@ -250,24 +278,27 @@ impl FrameDenoiser {
         }
     }
 
-    fn upload(&self, eye: Eye, given: &Given<'_>) {
-        let write = |resource: Resource, values: &[[f32; 3]]| {
-            let buffer = self.stages.images.buffer(&bound(resource), eye, Place::default());
-            self.gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(values));
+    /// Records copies of a view's arrays to the images that the passes import.
+    fn import<A: Array>(&self, encoder: &mut wgpu::CommandEncoder, eye: Eye, given: &Inputs<A>) {
+        let target = |resource| self.stages.images.buffer(&bound(resource), eye, Place::default());
+        let mut copy = |resource: Resource, array: A| {
+            let bytes = resource.bytes(self.settings.extent);
+            encoder.copy_buffer_to_buffer(&array.buffer(&self.gpu), 0, target(resource), 0, bytes);
         };
-        write(import::COLOR, given.color);
-        if let Some(emission) = given.emission {
-            write(import::EMITTED, emission);
-        }
-        write(import::REFLECTANCE, given.albedo);
-        write(import::NORMAL, given.normal);
-        write(import::POSITION, given.position);
+        copy(import::COLOR, given.color);
+        copy(import::REFLECTANCE, given.albedo);
+        copy(import::NORMAL, given.normal);
+        copy(import::POSITION, given.position);
         if self.settings.is_animated {
-            write(import::last_position(&self.settings.spec()), given.last_position.unwrap_or(given.position));
+            copy(import::last_position(&self.settings.spec()), given.last_position.unwrap_or(given.position));
+        }
+        match given.emission {
+            Some(emission) => copy(import::EMITTED, emission),
+            None => encoder.clear_buffer(target(import::EMITTED), 0, None),
         }
     }
 
-    fn record(&mut self, encoder: &mut wgpu::CommandEncoder, place: Place, samples: PixelSamples) {
+    fn dispatch(&mut self, encoder: &mut wgpu::CommandEncoder, place: Place, samples: PixelSamples) {
         let Self { gpu, stages, program, .. } = self;
         let mut recording = Recording { gpu, queries: None, encoder, program, place };
         for (pass, linked) in program.passes().iter().enumerate() {
@@ -279,15 +310,15 @@ impl FrameDenoiser {
     }
 
     /// Waits for the submitted frame; returns the image of each view.
-    fn read(&self) -> Result<Vec<RgbImage>, DenoiseError> {
+    fn read(&self, readback: &wgpu::Buffer) -> Result<Vec<RgbImage>, DenoiseError> {
         let extent = self.settings.extent;
         let (sender, mapped) = mpsc::channel();
-        self.readback.map_async(wgpu::MapMode::Read, .., move |result| drop(sender.send(result)));
+        readback.map_async(wgpu::MapMode::Read, .., move |result| drop(sender.send(result)));
         self.gpu.wait(None)?;
         let failed = |what: String| DenoiseError::Device(DeviceFailure::from(what));
         let result = mapped.recv_timeout(self.gpu.patience).map_err(|e| failed(e.to_string()))?;
         result.map_err(|e| failed(e.to_string()))?;
-        let view = self.readback.slice(..).get_mapped_range().map_err(|e| failed(e.to_string()))?;
+        let view = readback.slice(..).get_mapped_range().map_err(|e| failed(e.to_string()))?;
         let pixel = |bytes: &[u8]| {
             let [r, g, b, _]: [f32; 4] = bytemuck::pod_read_unaligned(bytes);
             [r, g, b]
@@ -297,7 +328,7 @@ impl FrameDenoiser {
             .map(|bytes| Image { extent, pixels: bytes.chunks_exact(size_of::<[f32; 4]>()).map(pixel).collect() });
         let images = images.collect();
         drop(view);
-        self.readback.unmap();
+        readback.unmap();
         Ok(images)
     }
 }

@@ -132,6 +132,19 @@ impl GpuDevice {
         self.device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
     }
 
+    /// Creates a buffer with these contents, from which commands copy.
+    pub(crate) fn staged(&self, contents: impl ExactSizeIterator<Item = [u8; 16]>) -> wgpu::Buffer {
+        let (size, usage) = (16 * contents.len() as u64, wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC);
+        let descriptor = wgpu::BufferDescriptor { label: Some("staged"), size, usage, mapped_at_creation: true };
+        let buffer = self.device.create_buffer(&descriptor);
+        // It cannot be mapped if the device has failed, which is reported otherwise.
+        if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
+            view.slice(..).into_chunks().0.write_iter(contents);
+        }
+        buffer.unmap();
+        buffer
+    }
+
     /// Creates queries for `count` timestamps.
     pub(crate) fn timestamps(&self, label: &str, count: u32) -> wgpu::QuerySet {
         let (label, ty) = (Some(label), wgpu::QueryType::Timestamp);

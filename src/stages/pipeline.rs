@@ -138,6 +138,22 @@ impl DeviceStages {
         self.scene.update(gpu, update);
     }
 
+    /// Records that the constants of a frame are set, for the commands that follow in the encoder.
+    pub fn set_constants(
+        &self,
+        gpu: &GpuDevice,
+        encoder: &mut wgpu::CommandEncoder,
+        frame: &Frame,
+        previous: &Previous,
+    ) {
+        let mut set = |to: &wgpu::Buffer, bytes: &[u8]| {
+            let staged = gpu.staged(bytemuck::cast_slice(bytes).iter().copied());
+            encoder.copy_buffer_to_buffer(&staged, 0, to, 0, bytes.len() as u64);
+        };
+        set(&self.frame, bytemuck::bytes_of(frame));
+        set(input(&self.images, PREVIOUS), bytemuck::bytes_of(previous));
+    }
+
     /// Sets the display resampling of both eyes for submissions from here on.
     pub fn show(&self, gpu: &GpuDevice, maps: &[DisplayMap; 2]) {
         let at = offset_of!(Frame, camera) + offset_of!(Camera, display_maps);

@@ -1,5 +1,7 @@
-//! Frames of other renderers: the host gives surfaces and light, and one pass writes the images that the G-buffer and
+//! Frames of other renderers: the caller gives surfaces and light, and one pass writes the images that the G-buffer and
 //! path tracing write otherwise. The passes of the denoiser follow unchanged.
+
+use glam::Vec4;
 
 use super::{Denoised, of};
 use crate::graph::{Kernel, Life, Pass, Resource, Stage, Use};
@@ -25,9 +27,9 @@ pub fn last_position(spec: &FrameSpec) -> Resource {
     input("imported_last_position").on(last_surface(spec).grid)
 }
 
-/// Three floats per pixel, without padding.
+/// Four floats per pixel, of which the last one is padding.
 const fn input(name: &'static str) -> Resource {
-    Resource { life: Life::Input, ..Resource::image::<[f32; 3]>(name) }
+    Resource { life: Life::Input, ..Resource::image::<Vec4>(name) }
 }
 
 const KERNEL: Kernel = Kernel::new("import");

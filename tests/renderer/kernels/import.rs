@@ -45,7 +45,9 @@ fn compare(is_animated: bool, seed: u64) {
     let mut random = Random::new(seed);
     let constants = Constants::new(WIDTH, HEIGHT);
     let pixels: Vec<_> = (0..constants.area()).map(|_| Pixel::new(&mut random)).collect();
-    let of = |value: fn(&Pixel) -> DVec3| pixels.iter().map(|p| value(p).as_vec3().to_array()).collect::<Vec<_>>();
+    let of = |value: fn(&Pixel) -> DVec3| {
+        pixels.iter().map(|p| value(p).as_vec3().extend(f32::NAN).to_array()).collect::<Vec<_>>()
+    };
     let outputs =
         ["hit_image", "guide_image", "albedo_image", "emission_image", "radiance_image", "last_surface_image"];
     let mut cases = Cases::default();
