@@ -162,6 +162,12 @@ pub fn devices_to_lose(count: usize) -> Vec<GpuDevice> {
     devices_by(count, |gpu| gpu.pipelines.len())
 }
 
+/// Opens a device while no other test does.
+pub fn open_alone<T>(open: impl FnOnce() -> T) -> T {
+    let _guard = idle();
+    open()
+}
+
 /// Returns a device of [`devices`], so that other tests can use it.
 pub fn give_back(gpu: GpuDevice) {
     idle().push(gpu);

@@ -1,5 +1,6 @@
 //! The denoiser alone ([`FrameDenoiser`]) on the renderer's own noisy frames.
 
+mod buffers;
 mod planes;
 
 use crate::black::{self, BLACK, RED, WHITE, colored, mean, textured};
