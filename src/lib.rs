@@ -87,4 +87,6 @@ mod documents {
     struct Readme;
     #[doc = include_str!("../docs/guide/library.md")]
     struct Library;
+    #[doc = include_str!("../docs/guide/denoiser.md")]
+    struct Denoiser;
 }
