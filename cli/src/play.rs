@@ -90,11 +90,13 @@ fn play(args: &Args) -> Result<(), Failure> {
     setup::tell_remarks(&loaded.scene);
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
+    if let Some(replay) = &replay {
+        let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
+        replay.check(&settings.options, prepared.choice.qualities.len()).map_err(Failure::Input)?;
+    }
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     if let Some(replay) = replay {
-        let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
-        replay.check(&settings.options, session.ladder().rungs().len()).map_err(Failure::Input)?;
         session.set_controller(Box::new(replay));
     }
     if !options.quiet && !options.json {

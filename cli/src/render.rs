@@ -184,6 +184,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
     let warm_up_frames = args.warm_up_frames(options);
+    if preview.is_some() && warm_up_frames == 0 {
+        progress.warn("--also preview shows nothing without warm-up frames and without --reference");
+    }
     let history = History::render(&mut renderer, options, &loaded, warm_up_frames, &progress, preview.as_ref())?;
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     tell(&progress, others.begin_frames());
