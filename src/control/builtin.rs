@@ -21,7 +21,7 @@ const PARTS: f64 = 16.0;
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
 /// Iterations of the candidates that have a denoiser.
 pub const ITERATIONS: [u32; 5] = [1, 2, 3, 4, 5];
-/// The largest of [`ITERATIONS`].
+/// Maximum iterations of the candidates that have a denoiser.
 pub const MOST_ITERATIONS: u32 = ITERATIONS[ITERATIONS.len() - 1];
 /// Render scales of denoised candidates that trace less than one sample per pixel.
 pub const SPARSE_SCALES: [f64; 7] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3];
