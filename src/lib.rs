@@ -61,10 +61,10 @@ pub mod stages;
 pub mod denoise;
 pub mod loaded;
 pub mod exec;
+pub mod metrics;
 pub mod session;
 #[cfg(feature = "xr")]
 pub mod headset;
-pub mod metrics;
 pub mod accumulation;
 pub mod trace;
 
