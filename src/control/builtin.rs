@@ -185,6 +185,12 @@ mod tests {
                 assert!(all.iter().filter(more).all(|b| error(b) < error(a)), "{a:?}");
             }
         }
+        let blurred = |iterations, blur: f64| {
+            let filter = Some(Filter::new(Denoiser::SVGF, iterations));
+            guessed_error(&Quality { filter, ..Quality::default() }, 0.1, Some([blur, 1.0]))
+        };
+        assert!(blurred(1, 1.1) < blurred(2, 1.1) && blurred(2, 1.1) < blurred(5, 1.1));
+        assert!(blurred(1, 0.9) > blurred(2, 0.9) && blurred(1, 0.9) == blurred(1, 1.1));
         let fitted = candidates(Some(Denoiser::BMFR), true);
         assert!(fitted.len() == 1020 && fitted.iter().all(|q| q.iterations() == [1; 3] && q.check().is_ok()));
         assert!(candidates(None, false).iter().all(|q| q.filter.is_none() && q.scale == 1.0));

@@ -36,7 +36,10 @@ impl Calibration<'_> {
         let Some((one, two)) = timed(1).zip(timed(2)) else { return Ok(None) };
         let Some(Filter { denoiser, .. }) = one.quality.filter else { return Ok(None) };
         let renders_references = self.renderer.config().envelope.mixes_filter;
-        if !renders_references || !denoiser.method().keeps_history() || denoiser.most_iterations() < MOST_ITERATIONS {
+        let with_most = Quality { filter: Some(Filter::new(denoiser, MOST_ITERATIONS)), ..one.quality };
+        let has_most = denoiser.most_iterations() >= MOST_ITERATIONS
+            && (self.limit)(&with_most).most_iterations() == MOST_ITERATIONS;
+        if !renders_references || !has_most || !denoiser.method().keeps_history() {
             return Ok(None);
         }
         let sample_ms = (two.makespan_ms - one.makespan_ms).max(two.makespan_ms / 4.0);
@@ -76,7 +79,8 @@ impl Calibration<'_> {
 
     /// Renders the mean of frames of many samples without a filter.
     fn reference(&mut self, quality: &Quality, samples: u32) -> Result<RgbImage, CalibrationError> {
-        let quality = Quality { spp: SAMPLES_AT_ONCE.into(), filter: None, ..*quality };
+        // Without a filter, nothing would fill the pixels that foveal layers leave.
+        let quality = Quality { spp: SAMPLES_AT_ONCE.into(), filter: None, fovea: None, ..*quality };
         let frames = samples.div_ceil((self.limit)(&quality).spp.least);
         self.render_at(&quality, REFERENCE_FRAMES, MOVING)?;
         let mut mean = self.middle()?;
