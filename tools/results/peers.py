@@ -9,7 +9,7 @@ import subprocess
 
 from chart import chart
 from driver import ROOT
-from tables import WITH_HISTORY, WITHOUT_HISTORY, column, shots
+from tables import FRAMES, WITH_HISTORY, WITHOUT_HISTORY, column, shots
 
 # Mitsuba renders this shot's materials brighter than the file says. One reference for both would compare materials.
 OWN_REFERENCE = ("hotel-room",)
@@ -24,23 +24,20 @@ def measure_peers(options, drivers):
     scratch.mkdir(parents=True, exist_ok=True)
     for name, shot in here:
         sections = []
+        settings = ["--size", options.size, "--reference-spp", options.peers_spp, "--rounds", options.rounds, "--history"]
+        settings += ["--out", out, *(["--own-reference"] if name in OWN_REFERENCE else [])]
         for driver in drivers:
-            program = shlex.join([*driver.command, driver.program])
-            settings = ["--size", options.size, "--reference-spp", options.peers_spp, "--rounds", options.rounds]
-            settings += ["--diptych", program, "--out", out, *(["--own-reference"] if name in OWN_REFERENCE else [])]
-            command = [options.peers, ROOT / "docs/results/peers/measure.py", *settings, shot]
-            environment = os.environ | {"TMPDIR": str(scratch)}
-            subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL, cwd=ROOT, env=environment)
-            files = out / name / name
+            settings += ["--diptych", shlex.join([*driver.command, driver.program])]
+        command = [options.peers, ROOT / "docs/results/peers/measure.py", *settings, shot]
+        environment = os.environ | {"TMPDIR": str(scratch)}
+        subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL, cwd=ROOT, env=environment)
+        for number, driver in enumerate(drivers, 1):
+            files = out / name / (f"{name}-{number}" if number > 1 else name)
             sections.append(re.sub(r"\A## .*", f"## {driver.name}", files.with_suffix(".md").read_text()))
             if driver is drivers[0]:
                 shutil.copy(files.with_suffix(".toml"), options.root / f"docs/results/peers/{name}.toml")
             measured = json.loads(files.with_suffix(".json").read_text())
-            for row in measured["beside"]:
-                reached = {key: row[key] and row["ms"] / row[key]["ms"] for key in ("with_history", "without_history")}
-                peer = row["renderer"].removeprefix("Mitsuba + OIDN, ")
-                own = {"scene": name, "driver": driver.name, "peer": peer, "spp": int(row["setting"].split()[0])}
-                compared.append(own | {"ms": row["ms"], "flip": row["flip"]} | reached)
+            compared += rows_of(name, driver, measured["beside"])
             bare = {(row["renderer"], row["setting"]): row for row in measured["rows"]}
             theirs, ours = bare["Mitsuba", "4 spp"], bare["diptych", "4 spp, not denoised"]
             pair = {"peer_ms": theirs["ms"], "peer_flip": theirs["flip"], "ms": ours["ms"], "flip": ours["flip"]}
@@ -55,11 +52,14 @@ def measure_peers(options, drivers):
         column("ms", "its time, ms", 0),
         column("with_history", WITH_HISTORY, 1),
         column("without_history", WITHOUT_HISTORY, 1),
+        column("flip_of_history", "its FLIP with history", 3),
+        column("both_histories", "both with history", 1),
     ]
     note = (
-        f"{options.size} per eye, {options.rounds} interleaved rounds, a reference of {options.peers_spp} samples. The "
-        "last two columns are the speed-up of diptych's fastest setting that reaches this FLIP, for each kind of frame. "
-        "Below 1, diptych is slower; – means that no setting reaches this FLIP."
+        f"{options.size} per eye, {options.rounds} interleaved rounds, a reference of {options.peers_spp} samples. Two "
+        "columns are the speed-up of diptych's fastest setting that reaches this FLIP, for each kind of frame. In the last "
+        f"two, OIDN filters the mean of Mitsuba's last {FRAMES} frames, reprojected by NumPy, whose time counts (not "
+        "measured with 16 samples). Below 1, diptych is slower; – means that no setting reaches this FLIP."
     )
     common = {"note": note, "columns": columns, "absent": absent}
     four = [row for row in compared if row["spp"] == 4]
@@ -83,6 +83,21 @@ def measure_peers(options, drivers):
         "rows": undenoised,
         "absent": absent,
     }
+
+
+def rows_of(scene, driver, beside):
+    """A row of each peer without history, with its figures with history where they were measured."""
+    rows = {}
+    for row in beside:
+        name, _, history = row["renderer"].removeprefix("Mitsuba + OIDN, ").partition(f", {FRAMES} frames")
+        speed_up = {key: row[key] and row["ms"] / row[key]["ms"] for key in ("with_history", "without_history")}
+        if history:
+            rows[name, row["setting"]] |= {"flip_of_history": row["flip"], "both_histories": speed_up["with_history"]}
+        else:
+            own = {"scene": scene, "driver": driver.name, "peer": name, "spp": int(row["setting"].split()[0])}
+            absent = {"flip_of_history": None, "both_histories": None}
+            rows[name, row["setting"]] = own | {"ms": row["ms"], "flip": row["flip"]} | speed_up | absent
+    return list(rows.values())
 
 
 def write_peer(options, name, sections):

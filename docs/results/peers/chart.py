@@ -12,8 +12,8 @@ import sys
 from html import escape
 from pathlib import Path
 
-# Okabe and Ito's colours (2008), which colour-blind readers can tell apart as well; cli/src/report/plot.rs has the same.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+# Okabe and Ito's colours (2008), which colour-blind readers can tell apart as well; cli/src/report/plot.rs has all but black.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 INK, GRID = "#282828", "#E1E1E1"
 WIDTH, HEIGHT = 800, 500
 LEFT, RIGHT, TOP, BOTTOM = 76, 776, 48, 446

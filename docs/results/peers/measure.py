@@ -6,10 +6,11 @@ A shot is what `diptych render` takes. Both sides render the same scene, as `dip
 at the same instant, with as many bounces, on the same cores, in turns. Both are judged by NVIDIA's FLIP against the same
 reference, Mitsuba's, after the same tonemapping at the shot's exposure; errors are means over both eyes. diptych renders
 each setting twice: the last frame of a path, with the history of those before, and the same frame as the first of a path,
-without history. With --history, Mitsuba has one, too: its last frames, reprojected by its own positions (history.py)
-before OIDN filters them; the time of reprojection counts. Times are those of a stereo frame: with history, medians over the frames on the way to that instant;
+without history. With --history, Mitsuba has one, too, at few samples: its last frames, reprojected by its own positions
+(history.py) before OIDN filters them; the time of reprojection counts. Times are those of a stereo frame: with history, medians over the frames on the way to that instant;
 otherwise medians over the rounds. None of them includes loading, compiling or files. Writes NAME.md, tables, NAME.json,
-the same figures for programs, NAME.svg, a chart, and NAME.toml for `diptych bench --set peers`.
+the same figures for programs, NAME.svg, a chart, and NAME.toml for `diptych bench --set peers`. With several --diptych,
+which may be one program under several drivers, all of them take turns; the files of the second are NAME-2.md and so on.
 """
 
 import argparse
@@ -29,6 +30,8 @@ FRAMES, COLD, FPS = 16, 4, 72
 INSTANT = (FRAMES - 1) / FPS
 
 PEER_SAMPLES = (1, 4, 16)
+# A history takes all frames of a path.
+HISTORY_SAMPLES = (1, 4)
 PEER, FAST, GUIDED = "Mitsuba", "Mitsuba + OIDN, fast", "Mitsuba + OIDN, high, albedo and normals"
 FAST_HISTORY, GUIDED_HISTORY = (f"{name}, {FRAMES} frames of history" for name in (FAST, GUIDED))
 
@@ -48,7 +51,7 @@ PASS = 64
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("shots", nargs="*", metavar="SHOT", help="builtin:NAME, a .toml or a .gltf/.glb")
-    parser.add_argument("--diptych", default="target/release/diptych", help="the program, perhaps behind another one")
+    parser.add_argument("--diptych", action="append", help="the program, perhaps behind another one")
     parser.add_argument("--out", type=Path, default=Path("out/peers"))
     parser.add_argument("--size", default="320x180", help="of each eye")
     parser.add_argument("--bounces", type=int, default=6)
@@ -61,6 +64,7 @@ def arguments():
     parser.add_argument("--cores", type=int, help="use so many cores only (Linux)")
     options = parser.parse_args()
     options.width, options.height = map(int, options.size.split("x"))
+    options.diptych = options.diptych or ["target/release/diptych"]
     return options
 
 
@@ -102,8 +106,8 @@ def median(values):
     return float(np.median(values))
 
 
-def diptych(*args):
-    command = [*shlex.split(options.diptych), *map(str, args)]
+def diptych(program, *args):
+    command = [*shlex.split(program), *map(str, args)]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
     if done.returncode != 0:
         sys.exit(f"it failed: {shlex.join(command)}")
@@ -197,13 +201,13 @@ class Oidn:
 class Diptych:
     """The program on a shot's files."""
 
-    def __init__(self, shot, folder):
-        self.shot, self.folder, self.driver, self.exposure_ev = shot, folder, "", 0.0
+    def __init__(self, program, shot, folder):
+        self.program, self.shot, self.folder, self.driver, self.exposure_ev = program, shot, folder, "", 0.0
 
     def frame(self, settings, seed, path):
         """Both eyes of the last frame of `path`, and the milliseconds of each of its frames."""
         fixed = ("--size", options.size, "--bounces", options.bounces, "--seed", seed, "--quiet", "--out", self.folder)
-        diptych("render", self.shot, *path, *settings, *fixed)
+        diptych(self.program, "render", self.shot, *path, *settings, *fixed)
         report = json.loads((self.folder / "run.json").read_text())
         device = report["devices"][0]
         self.driver = f"{device['name']}, {device['driver']}"
@@ -228,6 +232,11 @@ class Figures:
         """`references` has the one of "diptych" and that of the others, under None."""
         self.references, self.exposure_ev, self.times, self.errors = references, exposure_ev, {}, {}
 
+    @staticmethod
+    def shared(all_figures):
+        """A function that adds one measurement to all of them."""
+        return lambda *measured: [figures.add(*measured) for figures in all_figures]
+
     def add(self, name, note, eyes, times_ms):
         reference = self.references.get(name, self.references[None])
         self.times.setdefault((name, note), []).extend(times_ms)
@@ -240,21 +249,21 @@ class Figures:
             yield {"renderer": name, "setting": note, **ms, "flip": float(np.mean(self.errors[name, note]))}
 
 
-def measure_peer(mitsuba, filters, figures, seed):
+def measure_peer(mitsuba, filters, add, seed, history):
     for spp in PEER_SAMPLES:
         note = f"{spp} spp"
         eyes, took = mitsuba.frame(spp, seed)
-        figures.add(PEER, note, eyes, [1e3 * took])
+        add(PEER, note, eyes, [1e3 * took])
         filtered, filtering = filters[FAST].frame(eyes)
-        figures.add(FAST, note, filtered, [1e3 * (took + filtering)])
+        add(FAST, note, filtered, [1e3 * (took + filtering)])
         eyes, took = mitsuba.frame(spp, seed, guided=True)
         filtered, filtering = filters[GUIDED].frame(eyes)
-        figures.add(GUIDED, note, filtered, [1e3 * (took + filtering)])
-        if options.history:
+        add(GUIDED, note, filtered, [1e3 * (took + filtering)])
+        if history and spp in HISTORY_SAMPLES:
             eyes, took = mitsuba.path(spp, seed)
             for name, peer in ((FAST_HISTORY, FAST), (GUIDED_HISTORY, GUIDED)):
                 filtered, filtering = filters[peer].frame(eyes)
-                figures.add(name, note, filtered, [1e3 * (took + filtering)])
+                add(name, note, filtered, [1e3 * (took + filtering)])
 
 
 def measure_ours(ours, figures, seed):
@@ -360,37 +369,44 @@ def peers_file(figures, lines):
 
 def compare(argument, device):
     with tempfile.TemporaryDirectory() as scratch:
-        exported = Path(diptych("export", argument, "--out", Path(scratch) / "shot").strip())
+        exported = Path(diptych(options.diptych[0], "export", argument, "--out", Path(scratch) / "shot").strip())
         shot = Shot(exported, scratch)
         folder = options.out / exported.stem
         folder.mkdir(parents=True, exist_ok=True)
         mitsuba = Mitsuba(shot)
         filters = {FAST: Oidn(device, guided=False), GUIDED: Oidn(device, guided=True)}
-        ours = Diptych(exported, Path(scratch) / "out")
+        all_ours = [Diptych(program, exported, Path(scratch) / "out") for program in options.diptych]
         files = sorted(exported.parent.iterdir())
         references = {None: reference_of(mitsuba, mi.__version__, files, folder)}
         if options.own_reference:
-            version = hashlib.sha256(Path(shutil.which(shlex.split(options.diptych)[-1])).read_bytes()).hexdigest()
-            references["diptych"] = reference_of(ours, version, files, folder)
+            version = hashlib.sha256(Path(shutil.which(shlex.split(options.diptych[0])[-1])).read_bytes()).hexdigest()
+            references["diptych"] = reference_of(all_ours[0], version, files, folder)
         say(f"{shot.name}: warming up")
-        ours.frame((), options.rounds, ())
-        measure_peer(mitsuba, filters, Figures(references, ours.exposure_ev), seed=options.rounds)
-        figures = Figures(references, ours.exposure_ev)
+        for ours in all_ours:
+            ours.frame((), options.rounds, ())
+        all_figures = [Figures(references, ours.exposure_ev) for ours in all_ours]
+        measure_peer(mitsuba, filters, lambda *_: None, options.rounds, history=False)
         for number in range(options.rounds):
             say(f"{shot.name}: round {number + 1} of {options.rounds}")
-            measure_peer(mitsuba, filters, figures, seed=number)
-            measure_ours(ours, figures, seed=number)
+            measure_peer(mitsuba, filters, Figures.shared(all_figures), number, options.history)
+            for ours, figures in zip(all_ours, all_figures):
+                measure_ours(ours, figures, seed=number)
+    for number, (ours, figures) in enumerate(zip(all_ours, all_figures), 1):
+        write(folder, exported.stem + (f"-{number}" if number > 1 else ""), shot, ours, figures)
+
+
+def write(folder, name, shot, ours, figures):
     lines = conditions(shot, ours)
     rows = list(figures.rows())
     text = markdown(shot, rows, lines)
-    (folder / f"{exported.stem}.md").write_text(text)
+    (folder / f"{name}.md").write_text(text)
     programs = {"driver": ours.driver, "conditions": lines, "rows": rows, "beside": beside(rows)}
-    (folder / f"{exported.stem}.json").write_text(json.dumps(programs, indent=2) + "\n")
-    (folder / f"{exported.stem}.toml").write_text(peers_file(figures, lines))
+    (folder / f"{name}.json").write_text(json.dumps(programs, indent=2) + "\n")
+    (folder / f"{name}.toml").write_text(peers_file(figures, lines))
     title = f"{shot.name}, {options.size}: error against time; beside points, samples per pixel"
-    (folder / f"{exported.stem}.svg").write_text(chart(title, text))
+    (folder / f"{name}.svg").write_text(chart(title, text))
     print(text, flush=True)
-    say(f"written to {folder}")
+    say(f"written: {folder / name}.md")
 
 
 def main():
