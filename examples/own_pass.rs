@@ -56,11 +56,11 @@ fn outline(view: Eye) -> Pass {
 
 fn main() -> anyhow::Result<()> {
     let file = std::env::args().nth(1).map_or_else(|| std::env::temp_dir().join("diptych_outline.png"), PathBuf::from);
-    verify(&outline(Eye::Left))?;
+    verify(&outline(Eye::LEFT))?;
     let scene = LoadedScene::load("builtin:cornell")?;
     let passes = Declarations::new(|spec| {
         let mut passes = declare(spec).passes;
-        passes.extend(Eye::ALL.map(outline));
+        passes.extend(Eye::BOTH.map(outline));
         passes
     });
     let builder = Renderer::builder(&scene).size(EXTENT.width, EXTENT.height).devices(2);
@@ -72,7 +72,7 @@ fn main() -> anyhow::Result<()> {
         println!("outline of the {} eye, rows {rows:?} on device {device}: {ms:.2} ms", task.view);
     }
     let found = renderer.read_output(OUTLINE)?;
-    let [left, right] = [found.left, found.right].map(|bytes| {
+    let [left, right] = [found.left(), found.right()].map(|bytes| {
         let pixels = bytes.chunks_exact(4).map(|pixel| [pixel[0]; 3]).collect();
         Image { extent: EXTENT, pixels }
     });

@@ -26,7 +26,7 @@ fn main() -> anyhow::Result<()> {
     println!("{name} on {}: {:.1} ms, {rays} rays", renderer.devices()[0].name, report.makespan_ms);
 
     let (linear, shot) = (renderer.read_linear()?, &scene.shot);
-    let [left, right] = [&linear.left, &linear.right].map(|eye| tonemap(eye, shot.exposure_ev, shot.tone));
+    let [left, right] = [linear.left(), linear.right()].map(|eye| tonemap(eye, shot.exposure_ev, shot.tone));
     write_png(&file, &side_by_side(&left, &right)?)?;
     println!("{}", file.display());
     Ok(())

@@ -33,7 +33,7 @@
 //!     let mut renderer = Renderer::builder(&scene).size(640, 360).devices(2).build()?;
 //!     let report = renderer.render(&renderer.frame(&scene.shot.rig, 0.0, 0))?;
 //!     println!("{:.1} ms", report.makespan_ms);
-//!     exr::write_rgb("left.exr".as_ref(), &renderer.read_linear()?.left)?;
+//!     exr::write_rgb("left.exr".as_ref(), renderer.read_linear()?.left())?;
 //!     Ok(())
 //! }
 //! ```
@@ -70,7 +70,7 @@ pub mod trace;
 
 pub use control::{Budget, Controller, Ladder};
 pub use device::Selection;
-pub use exec::{FrameReport, Renderer, Stereo};
+pub use exec::{FrameReport, PerView, Renderer};
 pub use frame::RunConfig;
 pub use image::Extent;
 pub use loaded::{LoadError, LoadedScene};

@@ -81,7 +81,7 @@ impl Workload {
     pub fn load(shot: &str, extent: Extent) -> Self {
         let (parsed, scene) = load_shot(shot).unwrap_or_else(|e| panic!("{shot}: {e}"));
         let accel = Accel::build_with(&scene, Layout::Flat).unwrap_or_else(|e| panic!("{shot}: {e}"));
-        let view = parsed.rig.view(0.0, Eye::Left);
+        let view = parsed.rig.view(0.0, Eye::LEFT);
         let mut primary = Vec::with_capacity(extent.area());
         for y in 0..extent.height {
             for x in 0..extent.width {

@@ -15,7 +15,7 @@ mod viewing;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::display::DisplayImage;
 use diptych::image::exr::read_colour;
 use diptych::image::{Extent, stereo};
@@ -193,7 +193,7 @@ impl Comparison<'_> {
         left.findings.warn("left eye: ");
         right.findings.warn("right eye: ");
         left.findings.rings.iter().for_each(Rings::warn);
-        let pairs = Stereo { left: &left.pair, right: &right.pair };
+        let pairs = PerView::both(&left.pair, &right.pair);
         let (differences, features) = self.of_both_eyes(&pairs).map_err(Failure::Input)?;
         let rivalry = differences.as_ref().map(Differences::rivalry).unwrap_or_default();
         let maps = || {
@@ -207,14 +207,15 @@ impl Comparison<'_> {
         };
         let means = mean(&left.findings, &right.findings);
         let mean = MEASURES.iter().zip(means).map(|((name, _), mean)| ((*name).to_owned(), mean.into())).collect();
-        let eyes = Stereo { left: &left.findings, right: &right.findings };
+        let both = [&left.findings, &right.findings];
         let print = || {
-            text::print(&[("left", eyes.left), ("right", eyes.right)]);
+            text::print(&[("left", both[0]), ("right", both[1])]);
             text::print_rivalry(&rivalry, &features);
         };
         let of_eyes = RIVALRY_MEASURES.iter().zip(rivalry.values());
         let of_both = of_eyes.chain(FEATURE_MEASURES.iter().zip(features.values())).map(|((name, _), v)| (*name, v));
         let values = rows::of_errors(means).into_iter().chain(of_both.filter(|_| differences.is_some())).collect();
+        let eyes = both.into_iter().collect();
         self.finish(&BothFindings { eyes, mean, rivalry, features }, maps, print)?;
         Ok(values)
     }
@@ -245,7 +246,7 @@ impl Comparison<'_> {
 
     /// Returns the differences between the eyes' errors, and the errors of features' disparity; nothing without
     /// auxiliary images that tell which pixels match.
-    fn of_both_eyes(&self, pairs: &Stereo<&Pair>) -> Result<(Option<Differences>, FeatureDisparity), anyhow::Error> {
+    fn of_both_eyes(&self, pairs: &PerView<&Pair>) -> Result<(Option<Differences>, FeatureDisparity), anyhow::Error> {
         let seen = |name: &str| Seen::read(&[&self.image.join(name), &self.args.reference.join(name)]);
         let (Some(left), Some(right)) = (seen("left.exr")?, seen("right.exr")?) else {
             return Ok((None, FeatureDisparity::default()));

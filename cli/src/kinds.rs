@@ -12,7 +12,7 @@ use diptych::scene::rig::Eye;
 use super::failure::Failure;
 use super::options::{RenderOptions, RunOptions};
 use super::setup::{self, Tracing};
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 
 /// Auxiliary images of [`Guides`], in the order of its fields.
 pub const AOVS: [Aov; 6] =
@@ -44,7 +44,7 @@ pub struct Seen {
 pub fn of_shot(
     run: &RunOptions,
     loaded: &LoadedScene,
-    reference: &Stereo<RgbImage>,
+    reference: &PerView<RgbImage>,
     by_kind: bool,
     gpus: Devices,
     tracing: &Tracing,
@@ -60,7 +60,7 @@ pub fn of_shot(
     let pixel_centre = renderer.render(&frame)?.pixel_centre;
     let mut images: [Vec<RgbImage>; 2] = Default::default();
     for i in 0..aovs.len() {
-        let Stereo { left, right } = renderer.read_aov(i)?;
+        let [left, right] = renderer.read_aov(i)?.into_outer();
         for (images, channels) in images.iter_mut().zip([left, right]) {
             let last = channels.len() - 1;
             let pixel = |p: usize| [0, 1, 2].map(|c: usize| channels[c.min(last)][p]);
@@ -77,12 +77,12 @@ pub fn of_shot(
     let map = |eye: usize, reference: &RgbImage| -> Result<KindMap, Failure> {
         Ok(KindMap::new(&guides(|aov| image(eye, aov))?, reference, exposure_ev, yfov_deg)?)
     };
-    let kinds = if by_kind { Some([map(0, &reference.left)?, map(1, &reference.right)?]) } else { None };
+    let kinds = if by_kind { Some([map(0, reference.left())?, map(1, reference.right())?]) } else { None };
     let surfaces = |eye| -> Result<Surfaces, Failure> {
         let shown = Surfaces::new(image(eye, Aov::ShownPosition)?, image(eye, Aov::ShownNormal)?)?;
         Ok(shown.seen_at(image(eye, Aov::VirtualPosition)?)?)
     };
-    let world_to_ndc = loaded.shot.rig.matrices(options.settings.time, Eye::Right, run.settings.size).world_to_ndc;
+    let world_to_ndc = loaded.shot.rig.matrices(options.settings.time, Eye::RIGHT, run.settings.size).world_to_ndc;
     let in_right = surfaces(0)?.in_other_eye(&surfaces(1)?, &world_to_ndc, pixel_centre)?;
     Ok((Seen { kinds, in_right }, renderer.into_devices()))
 }

@@ -51,6 +51,7 @@ mod program;
 mod progress;
 #[cfg(feature = "python")]
 mod python;
+mod quilt;
 mod ranks;
 mod reference;
 mod registry;

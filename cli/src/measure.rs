@@ -306,7 +306,7 @@ impl<'a> Measuring<'a> {
         for index in 0..CHECKED_FRAMES {
             interrupt::check()?;
             renderer.render(&renderer.frame(&loaded.shot.rig, 0.0, index))?;
-            let image = renderer.read_linear()?.left;
+            let image = renderer.read_linear()?.into_left();
             means.iter_mut().zip(block_means(&image)).for_each(|(sum, m)| *sum += m / f64::from(CHECKED_FRAMES));
         }
         refuse_faults(&renderer)?;

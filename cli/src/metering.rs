@@ -35,7 +35,7 @@ pub fn meter(
         let mut renderer = setup::renderer(&options, loaded, gpus, Instant::now())?;
         let params = renderer.frame(&loaded.shot.rig, options.settings.time, 0);
         renderer.render_watched(&params, None, |fraction| progress.phase_part("metering", fraction))?;
-        let image = renderer.read_linear()?.left;
+        let image = renderer.read_linear()?.into_left();
         gpus = renderer.into_devices();
         loaded.shot.exposure_ev = wanted_ev(&loaded.scene, &image).unwrap_or(0.0);
         // Half floats clip light that is far too bright for the exposure of its frame.

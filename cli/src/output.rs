@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::Context;
 
 use crate::report::record::Unfinished;
-use diptych::exec::{Renderer, Stereo};
+use diptych::exec::{PerView, Renderer};
 use diptych::frame::Foveation;
 use diptych::graph::Resource;
 use diptych::image::display::{DisplayImage, write_png};
@@ -24,6 +24,7 @@ use diptych::scene::optics::Optics;
 use diptych::scene::rig::{Eye, Rig};
 
 use super::failure::Failure;
+use super::quilt::Quilt;
 use super::tev::Viewer;
 
 /// Creates the folder that `option` names and checks that it is writable, before the run renders anything. Renames
@@ -48,17 +49,17 @@ pub fn write_text(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {
     Ok(atomic_write(&dir.join(name), |file| file.write_all(text.as_bytes()))?)
 }
 
-/// True if the pixels of both eyes are the same in `a` and `b`, bit for bit.
-pub fn same_bits(a: &Stereo<RgbImage>, b: &Stereo<RgbImage>) -> bool {
+/// True if the pixels of all views are the same in `a` and `b`, bit for bit.
+pub fn same_bits(a: &PerView<RgbImage>, b: &PerView<RgbImage>) -> bool {
     let bits = |image: &RgbImage| image.pixels.as_flattened().iter().map(|c| c.to_bits()).collect::<Vec<_>>();
     let is_same = |a: &RgbImage, b: &RgbImage| a.extent == b.extent && bits(a) == bits(b);
-    is_same(&a.left, &b.left) && is_same(&a.right, &b.right)
+    a.iter().zip(b.iter()).all(|(a, b)| is_same(a, b))
 }
 
 /// File name of the contact sheet of a sequence.
 pub const SHEET: &str = "sheet.png";
 
-/// A contact sheet of the left eye, filled frame by frame.
+/// A contact sheet of the left eye or of all of more than two views, filled frame by frame.
 #[derive(Default)]
 pub struct Sheet {
     pictures: Vec<DisplayImage>,
@@ -71,7 +72,9 @@ impl Sheet {
     const WIDTH: u32 = 480;
 
     pub fn add(&mut self, images: &FrameImages) {
-        self.pictures.push(sheet::reduced(&images.display.left, Self::WIDTH));
+        let shown = if images.display.iter().len() > 2 { usize::MAX } else { 1 };
+        let reduced = images.display.iter().take(shown).map(|picture| sheet::reduced(picture, Self::WIDTH));
+        self.pictures.extend(reduced);
     }
 
     /// Writes the sheet, unless there are no frames.
@@ -88,7 +91,7 @@ impl Sheet {
 pub enum Also {
     /// Each task, in run.json
     Details,
-    /// The left eye's frames as a contact sheet, sheet.png
+    /// The left eye's frames, or all of more than two views, as a contact sheet, sheet.png
     Sheet,
     /// Stripes and foveal layers, drawn on stereo.png
     Overlay,
@@ -106,15 +109,15 @@ pub enum Also {
 
 /// A frame's images, read back from the devices.
 pub struct FrameImages {
-    pub linear: Stereo<RgbImage>,
-    pub display: Stereo<DisplayImage>,
-    pub aovs: Vec<(Aov, Stereo<Vec<Vec<f32>>>)>,
+    pub linear: PerView<RgbImage>,
+    pub display: PerView<DisplayImage>,
+    pub aovs: Vec<(Aov, PerView<Vec<Vec<f32>>>)>,
     /// Value of [`diptych::exec::FrameReport::pixel_centre`], for auxiliary images.
     pub pixel_centre: [f32; 2],
 }
 
-/// Returns the metadata of each eye's images, without the tags that only auxiliary images have.
-pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32) -> Stereo<Tags> {
+/// Returns the metadata of each view's images, without the tags that only auxiliary images have.
+pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32) -> PerView<Tags> {
     let of = |eye: Eye| {
         let matrices = rig.matrices(time_s, eye, extent);
         Tags {
@@ -130,7 +133,7 @@ pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32
             pixel_centre: None,
         }
     };
-    Stereo { left: of(Eye::Left), right: of(Eye::Right) }
+    rig.eyes().map(of).collect()
 }
 
 /// Overlay colour of seams between stripes.
@@ -168,17 +171,12 @@ impl FrameImages {
         for (i, &aov) in aovs.iter().enumerate() {
             read.push((aov, renderer.read_aov(i)?));
         }
-        Ok(Self {
-            linear: renderer.read_linear()?,
-            display: Stereo { left: rgb(display.left), right: rgb(display.right) },
-            aovs: read,
-            pixel_centre: [0.5; 2],
-        })
+        Ok(Self { linear: renderer.read_linear()?, display: display.map(rgb), aovs: read, pixel_centre: [0.5; 2] })
     }
 
     /// Draws a line on the display images at each of `edges`, which are row numbers of the rendered image.
     pub fn overlay(&mut self, edges: &[u32], rectified: Rectified) {
-        for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
+        for (eye, image) in self.display.with_eyes_mut() {
             let width = image.extent.width as usize;
             let rows: Vec<f64> = rendered_points(eye, image.extent, rectified).map(|([_, row], _)| row).collect();
             let stripe = |i: usize| edges.iter().filter(|&&edge| rows[i] >= f64::from(edge)).count();
@@ -190,9 +188,9 @@ impl FrameImages {
 
     /// Draws the outer borders of the inner and the middle foveal layer on the display images.
     pub fn overlay_layers(&mut self, foveation: Foveation, gaze: [[f64; 2]; 2], rectified: Rectified) {
-        for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
+        for (eye, image) in self.display.with_eyes_mut() {
             let (radii, gaze) = foveation.circles_rendered(gaze, image.extent, rectified);
-            let [x, y] = gaze[eye as usize];
+            let [x, y] = gaze[eye.index()];
             let points = rendered_points(eye, image.extent, rectified);
             for (pixel, ([column, row], density)) in image.pixels.iter_mut().zip(points) {
                 let distance = f64::hypot(column - x, row - y);
@@ -206,8 +204,8 @@ impl FrameImages {
     /// Draws the seams between stripes of polar images, and contours where the density of polar pixels on the screen
     /// halves.
     pub fn overlay_rings(&mut self, polar: PolarSpace, gaze: [[f64; 2]; 2], rig: &Rig, time_s: f64, edges: &[u32]) {
-        for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
-            let places = polar.places(gaze[eye as usize], &rig.view(time_s, eye), image.extent);
+        for (eye, image) in self.display.with_eyes_mut() {
+            let places = polar.places(gaze[eye.index()], &rig.view(time_s, eye), image.extent);
             let stripe = |i: usize| edges.iter().filter(|&&edge| places[i].row >= f64::from(edge)).count();
             let octave = |i: usize| places[i].density.log2().floor();
             let width = image.extent.width as usize;
@@ -228,7 +226,8 @@ impl FrameImages {
         dir: &Path,
         number: Option<u32>,
         also: &[Also],
-        tags: &Stereo<Tags>,
+        quilt: Option<Quilt>,
+        tags: &PerView<Tags>,
     ) -> Result<Vec<String>, Failure> {
         let _span = tracing::info_span!("write files").entered();
         let mut names = Vec::new();
@@ -236,46 +235,47 @@ impl FrameImages {
             names.push(named(stem, number, extension));
             dir.join(&names[names.len() - 1])
         };
-        let extent = self.linear.left.extent;
-        if also.contains(&Also::Layers) {
-            self.write_layers([&name("left", "exr"), &name("right", "exr")], tags)?;
-        } else {
-            exr::write_tagged_rgb(&name("left", "exr"), &self.linear.left, &tags.left)?;
-            exr::write_tagged_rgb(&name("right", "exr"), &self.linear.right, &tags.right)?;
+        let extent = self.linear.left().extent;
+        for (eye, image) in self.linear.with_eyes() {
+            let (path, tags) = (name(&eye.file_stem(), "exr"), tags.of(eye));
+            if also.contains(&Also::Layers) {
+                let tags = Tags { pixel_centre: Some(self.pixel_centre), ..tags.clone() };
+                exr::write_tagged_channels(&path, extent, &borrowed(&self.layers(eye)), &tags)?;
+            } else {
+                exr::write_tagged_rgb(&path, image, tags)?;
+            }
         }
         for (aov, images) in self.aovs.iter().filter(|_| !also.contains(&Also::Layers)) {
-            for (eye, planes, tags) in [("left", &images.left, &tags.left), ("right", &images.right, &tags.right)] {
-                let tags = Tags { exposure_ev: None, pixel_centre: Some(self.pixel_centre), ..tags.clone() };
+            for (eye, planes) in images.with_eyes() {
+                let tags = Tags { exposure_ev: None, pixel_centre: Some(self.pixel_centre), ..tags.of(eye).clone() };
                 let channels: Vec<_> = aov.channels().iter().zip(planes).map(|(n, p)| (*n, p.as_slice())).collect();
-                let path = name(&format!("{eye}.{}", aov.name()), "exr");
+                let path = name(&format!("{}.{}", eye.file_stem(), aov.name()), "exr");
                 exr::write_tagged_channels(&path, extent, &channels, &tags)?;
             }
         }
-        for (aov, Stereo { left, right }) in self.aovs.iter().filter(|(aov, _)| aov.counts()) {
+        for (aov, images) in self.aovs.iter().filter(|(aov, _)| aov.counts()) {
+            let [left, right] = images.outer();
             let (colour, key) = colours(*aov, &[&left[0], &right[0]]);
             let map = |numbers: &[f32]| Image { extent, pixels: numbers.iter().map(|n| colour(*n)).collect() };
             let both = stereo::side_by_side(&map(&left[0]), &map(&right[0]))?;
             write_png(&name(aov.name(), "png"), &with_key(&both, &key))?;
         }
-        write_png(&name("left", "png"), &self.display.left)?;
-        write_png(&name("right", "png"), &self.display.right)?;
-        let Stereo { left, right } = &self.display;
-        let arrange = if also.contains(&Also::OverUnder) { stereo::over_under } else { stereo::side_by_side };
-        write_png(&name("stereo", "png"), &arrange(left, right)?)?;
-        if also.contains(&Also::Anaglyph) {
-            write_png(&name("anaglyph", "png"), &stereo::anaglyph(left, right)?)?;
+        for (eye, picture) in self.display.with_eyes() {
+            write_png(&name(&eye.file_stem(), "png"), picture)?;
+        }
+        if self.display.iter().len() == 2 {
+            let [left, right] = self.display.outer();
+            let arrange = if also.contains(&Also::OverUnder) { stereo::over_under } else { stereo::side_by_side };
+            write_png(&name("stereo", "png"), &arrange(left, right)?)?;
+            if also.contains(&Also::Anaglyph) {
+                write_png(&name("anaglyph", "png"), &stereo::anaglyph(left, right)?)?;
+            }
+        }
+        if let Some(quilt) = quilt {
+            let pictures: Vec<_> = self.display.iter().collect();
+            write_png(&name(&quilt.stem(extent), "png"), &quilt.picture(&pictures))?;
         }
         Ok(names)
-    }
-
-    /// Writes an image of each eye with its auxiliary images as layers.
-    fn write_layers(&self, paths: [&Path; 2], tags: &Stereo<Tags>) -> Result<(), Failure> {
-        for (eye, path) in Eye::ALL.into_iter().zip(paths) {
-            let layers = self.layers(eye);
-            let tags = Tags { pixel_centre: Some(self.pixel_centre), ..tags.of(eye).clone() };
-            exr::write_tagged_channels(path, self.linear.left.extent, &borrowed(&layers), &tags)?;
-        }
-        Ok(())
     }
 
     /// Returns the channels of an eye's image and of its auxiliary images.
@@ -291,13 +291,13 @@ impl FrameImages {
         layers
     }
 
-    /// Shows both eyes with their auxiliary images in tev, in place of the frame before.
+    /// Shows all views with their auxiliary images in tev, in place of the frame before.
     pub fn show(&self, viewer: &mut Viewer, scene: &str) -> Result<(), Failure> {
-        let show = |eye: Eye| {
+        let mut show = |eye: Eye| {
             let layers = self.layers(eye);
-            viewer.show(&format!("{scene} {eye}"), self.linear.left.extent, &borrowed(&layers))
+            viewer.show(&format!("{scene} {eye}"), self.linear.left().extent, &borrowed(&layers))
         };
-        Eye::ALL.into_iter().try_for_each(show)
+        self.linear.with_eyes().try_for_each(|(eye, _)| show(eye))
     }
 }
 

@@ -9,7 +9,7 @@ use crate::report::html::{Section, page};
 use crate::report::lanes::{LaneFrame, lanes};
 use crate::report::pictures::{Group, viewer};
 use crate::report::run::SceneSummary;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 
@@ -31,8 +31,8 @@ pub fn and_page(report: bool) -> &'static str {
 /// Returns the pictures of a frame and its FLIP against the reference.
 pub fn against(
     name: String,
-    linear: &Stereo<RgbImage>,
-    reference: &Stereo<RgbImage>,
+    linear: &PerView<RgbImage>,
+    reference: &PerView<RgbImage>,
     loaded: &LoadedScene,
 ) -> Result<Group, Failure> {
     let frame = Group::against(name, linear, reference, loaded.shot.exposure_ev);

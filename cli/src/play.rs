@@ -280,7 +280,7 @@ impl<'a> Run<'a> {
         let images = interrupt::as_none(FrameImages::read(&mut self.session.renderer, &[]))?;
         let Some(images) = images.as_ref().or(self.slow.as_ref()) else { return Ok(()) };
         let _writing = interrupt::writing();
-        self.pictures.add(images.write(&self.options.out, number, &[], &tags)?);
+        self.pictures.add(images.write(&self.options.out, number, &[], None, &tags)?);
         Ok(())
     }
 }

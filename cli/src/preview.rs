@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crate::failure::Failure;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::stereo;
 
@@ -28,13 +28,12 @@ impl Preview {
     }
 
     /// Writes the picture that `read` returns, unless the last one is recent.
-    pub fn show(&self, read: impl FnOnce() -> Result<Stereo<DisplayImage>, Failure>) -> Result<(), Failure> {
+    pub fn show(&self, read: impl FnOnce() -> Result<PerView<DisplayImage>, Failure>) -> Result<(), Failure> {
         let mut due = self.due.lock().unwrap_or_else(PoisonError::into_inner);
         if Instant::now() < *due {
             return Ok(());
         }
-        let Stereo { left, right } = read()?;
-        write_png(&self.path, &stereo::side_by_side(&left, &right)?)?;
+        write_png(&self.path, &stereo::outer(read()?.values())?)?;
         *due = Instant::now() + INTERVAL;
         Ok(())
     }
@@ -57,7 +56,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let picture = || Image::filled(Extent::new(4, 2), [9; 3]);
         let preview = Preview::new(folder.path());
-        preview.show(|| Ok(Stereo { left: picture(), right: picture() })).ok().unwrap();
+        preview.show(|| Ok(PerView::both(picture(), picture()))).ok().unwrap();
         assert!(folder.path().join(NAME).is_file());
         preview.show(|| panic!("the last picture is recent")).ok().unwrap();
         drop(preview);

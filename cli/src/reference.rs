@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::report::run::{ReferenceRow, aov_ms};
 use diptych::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Subject, accumulate};
 use diptych::device::Traversal;
-use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::exec::{FrameReport, PerView, Renderer};
 use diptych::frame::settings::FoveationMode;
 use diptych::image::display::{DisplayImage, tonemap, write_png};
 use diptych::image::stereo;
@@ -171,7 +171,8 @@ impl Plan {
             _ => format!("reference.{frame:04}.state"),
         };
         let fingerprint = self.fingerprint(loaded, frame);
-        Some(Checkpoint { path: folder.join(name), fingerprint, extent: self.options.settings.size })
+        let (extent, views) = (self.options.settings.size, loaded.shot.rig.views);
+        Some(Checkpoint { path: folder.join(name), fingerprint, extent, views })
     }
 
     /// Creates the folder of the checkpoints, which `option` names. Fails before anything is rendered if a checkpoint
@@ -184,7 +185,7 @@ impl Plan {
     /// Loads a frame's checkpoint, or begins an empty accumulation.
     pub fn begun(&self, loaded: &LoadedScene, frame: u32) -> Result<Accumulation, Failure> {
         let there = self.checkpoint(loaded, frame).map_or(Ok(None), |c| c.load())?;
-        Ok(there.unwrap_or_else(|| Accumulation::new(self.options.settings.size)))
+        Ok(there.unwrap_or_else(|| Accumulation::new(self.options.settings.size, loaded.shot.rig.views)))
     }
 
     /// Accumulates passes of a frame on top of `begun` until the requested samples are reached, the time is up or the
@@ -268,7 +269,7 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
         pass.makespan_ms += before.makespan_ms - aov_ms;
         pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b - aov_ms);
         pass.plan_ms += before.plan_ms;
-        for (tally, b) in pass.tallies.iter_mut().zip(before.tallies) {
+        for (tally, b) in pass.tallies.iter_mut().zip(&before.tallies) {
             tally.rays += b.rays;
             tally.nonfinite += b.nonfinite;
             tally.clipped += b.clipped;
@@ -278,16 +279,15 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
 }
 
 /// Returns the mean of the samples, tonemapped in the same way as on the devices.
-pub fn display(accumulation: &Accumulation, shot: &Shot) -> Stereo<DisplayImage> {
+pub fn display(accumulation: &Accumulation, shot: &Shot) -> PerView<DisplayImage> {
     let mean = accumulation.mean();
-    let shown = |image| tonemap(image, shot.exposure_ev, shot.tone);
-    Stereo { left: shown(&mean.left), right: shown(&mean.right) }
+    mean.iter().map(|image| tonemap(image, shot.exposure_ev, shot.tone)).collect()
 }
 
 fn write_preview(checkpoint: &Checkpoint, accumulation: &Accumulation, shot: &Shot) -> Result<(), Failure> {
     let shown = display(accumulation, shot);
     let path = checkpoint.path.with_extension("preview.png");
-    Ok(write_png(&path, &stereo::side_by_side(&shown.left, &shown.right)?)?)
+    Ok(write_png(&path, &stereo::outer(shown.values())?)?)
 }
 
 /// Progress over passes, with at most two JSON lines per second.

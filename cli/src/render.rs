@@ -1,5 +1,6 @@
 //! `diptych render`.
 
+mod checks;
 mod conclusion;
 mod history;
 mod instants;
@@ -9,12 +10,10 @@ mod watched;
 
 use std::time::Instant;
 
-use anyhow::ensure;
-
 use crate::report::frames::FrameLine;
 use crate::report::rectified::RectifiedFrame;
 use crate::report::run::{FrameRow, ReferenceRow, RunReport};
-use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::exec::{FrameReport, PerView, Renderer};
 use diptych::image::RgbImage;
 use diptych::image::display::mid_grey_ev;
 use diptych::loaded::LoadedScene;
@@ -30,6 +29,7 @@ use super::output::{self, Also, FrameImages, SHEET, Sheet};
 use super::pictures::Pictures;
 use super::preview::Preview;
 use super::progress::Progress;
+use super::quilt::Quilt;
 use super::reference::Plan;
 use super::setup::{self, Tracing};
 use super::tev::{self, Viewer};
@@ -53,6 +53,12 @@ pub struct Args {
     /// More to write or show, such as sheet,details
     #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = options::OUTPUT)]
     also: Vec<Also>,
+    /// Write the views as tiles of one picture for light-field displays, such as 8x6
+    ///
+    /// It has this many columns and rows, from the leftmost view at the bottom left to the rightmost one at the top
+    /// right. --views defaults to their number.
+    #[arg(long, hide_short_help = true, value_name = "COLUMNSxROWS", help_heading = options::OUTPUT)]
+    quilt: Option<Quilt>,
     /// Warm-up frames, not saved [default: 0; enough for 16 spp if --frames is 1]
     ///
     /// These frames give the denoiser a history. A single frame with svgf or bmfr and fewer than 16 samples per pixel
@@ -66,42 +72,9 @@ pub struct Args {
 /// the mean of their neighbours remain as speckle, though its FLIP is lower where noise is high.
 const STILL_SPP: u32 = 16;
 
-/// Most samples per pixel, by default, of frames with a time limit or a wanted noise.
-const LIMITED_SPP: u32 = 4096;
-
 impl Args {
-    fn has(&self, what: Also) -> bool {
+    pub fn has(&self, what: Also) -> bool {
         self.also.contains(&what)
-    }
-
-    /// Checks constraints that clap cannot express.
-    fn check(&self) -> Result<(), anyhow::Error> {
-        let settings = &self.flags.run.settings;
-        for key in ["pass_spp", "passes_out"].into_iter().filter(|key| settings.is_given(key)) {
-            ensure!(self.reference, "{key} has no effect without --reference");
-        }
-        if settings.is_given("time_limit") && !self.reference {
-            ensure!(self.flags.frames == 1, "--time-limit is for a single picture, or for --reference");
-            let can_end = settings.spp.least > 1 && !settings.spp.varies();
-            ensure!(can_end, "--time-limit needs a whole number of at least 2 samples, not --spp {}", settings.spp);
-        }
-        let is_whole = settings.noise.is_none() || !settings.spp.varies();
-        ensure!(is_whole, "--noise needs a whole number of samples at most, not --spp {}", settings.spp);
-        for what in [Also::Sheet, Also::Tev].into_iter().filter(|what| self.has(*what)) {
-            ensure!(!self.reference, "--reference cannot be combined with --also {what:?}");
-        }
-        Ok(())
-    }
-
-    /// Chooses the most samples for a time limit or a wanted noise, if the command line gives none.
-    fn with_samples(&self) -> Self {
-        let mut args = self.clone();
-        let settings = &mut args.flags.run.settings;
-        let is_limited = settings.time_limit.is_some() || settings.noise.is_some();
-        if is_limited && !settings.is_given("spp") && !args.reference {
-            settings.spp = LIMITED_SPP.into();
-        }
-        args
     }
 
     /// Returns the number of warm-up frames before the first saved frame.
@@ -132,7 +105,7 @@ struct Rows {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let args = &args.with_samples();
+    let args = &args.with_defaults();
     args.check().map_err(Failure::Input)?;
     let flags = &args.flags;
     let mut plan = args.reference.then(|| Plan::asked_for(flags)).transpose()?;
@@ -145,8 +118,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let tracing = Tracing::start(&options)?;
     let mut progress = args.progress(&options);
     progress.phase("loading");
-    let mut loaded = setup::load(&options)?;
+    let mut loaded = setup::load_rig(&options)?;
     setup::tell_remarks(&loaded.scene);
+    args.check_views(&loaded.shot.rig)?;
     if args.has(Also::Overlay) && loaded.shot.rig.optics.is_some() && options.quality().polar.is_some() {
         let what = "--also overlay does not support polar --foveation with the eye projections of head motion: drop \
                     one of them";
@@ -317,7 +291,7 @@ impl Run<'_> {
             images.show(viewer, &options.shot)?;
         }
         let _writing = interrupt::writing();
-        self.pictures.add(images.write(&options.out, number, &self.args.also, &tags)?);
+        self.pictures.add(images.write(&options.out, number, &self.args.also, self.args.quilt, &tags)?);
         if self.args.has(Also::Sheet) {
             self.sheet.add(&images);
         }
@@ -330,17 +304,21 @@ impl Run<'_> {
 
     /// Warns about a picture of a single colour, which is usually a mistake. At the default exposure, also warns about
     /// a picture that is nearly black or white.
-    fn warn_of_nothing_seen(&self, images: &Stereo<RgbImage>) {
-        for (eye, image) in [("left", &images.left), ("right", &images.right)] {
+    fn warn_of_nothing_seen(&self, images: &PerView<RgbImage>) {
+        for (eye, image) in images.with_eyes() {
             let first = image.pixels[0];
             if image.pixels.iter().all(|pixel| *pixel == first) {
                 let what = if first == [0.0; 3] { "black" } else { "of a single colour" };
                 let hint = "the camera may look away from the scene or be inside an object, or there is no light";
-                self.progress.warn(&format!("the {eye} eye's picture is {what}: {hint}"));
+                let whose = match images.iter().len() {
+                    2 => format!("the {eye} eye's picture"),
+                    _ => format!("the picture {}", eye.file_stem()),
+                };
+                self.progress.warn(&format!("{whose} is {what}: {hint}"));
                 return;
             }
         }
-        let off_ev = mid_grey_ev(&images.left);
+        let off_ev = mid_grey_ev(images.left());
         if self.loaded.shot.exposure_ev == 0.0 && !self.loaded.shot.is_metered && off_ev.abs() >= EVS_OFF {
             let what = if off_ev > 0.0 { "dark" } else { "bright" };
             self.progress.warn(&format!("the picture is very {what}: --exposure {off_ev:.0} would show more"));

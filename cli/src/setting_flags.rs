@@ -38,8 +38,8 @@ impl DerefMut for SettingFlags {
 pub const FLAGS: [(&str, &str); 9] = [
     (
         "render",
-        "position target yfov metres_per_unit gaze exposure environment animation time fps allow_outside size spp bounces denoiser \
-         iterations foveation reproject cache noise time_limit seed seam devices threads_per_device balance ratios aov disturb",
+        "position target yfov views sources baseline convergence metres_per_unit gaze exposure environment animation \
+         time fps allow_outside size spp bounces denoiser iterations foveation reproject cache noise time_limit seed seam devices threads_per_device balance ratios aov disturb",
     ),
     ("play", LOOP),
     ("view", LOOP),
@@ -56,8 +56,12 @@ const LOOP: &str =
     "metres_per_unit fps size denoiser iterations foveation reproject devices threads_per_device balance disturb";
 
 /// Settings whose flags only the long help shows.
-const RARE: [&str; 11] = [
+const RARE: [&str; 15] = [
     "yfov",
+    "views",
+    "sources",
+    "baseline",
+    "convergence",
     "metres_per_unit",
     "gaze",
     "animation",

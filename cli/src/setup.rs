@@ -38,6 +38,19 @@ pub fn tell_remarks(scene: &Scene) {
 
 /// Loads the scene on all ranks, and head motion on this one.
 pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
+    let loaded = load_rig(options)?;
+    check_eyes(&loaded.shot.rig)?;
+    Ok(loaded)
+}
+
+/// Refuses a rig without exactly two views.
+pub fn check_eyes(rig: &Rig) -> Result<(), Failure> {
+    let what = "only `render` takes other than two views: the shot has";
+    if rig.views == 2 { Ok(()) } else { Err(Failure::Input(anyhow!("{what} {}", rig.views))) }
+}
+
+/// Loads the scene, whose rig may have any number of views.
+pub fn load_rig(options: &RunOptions) -> Result<LoadedScene, Failure> {
     let mut loaded = load_scene(options)?;
     if let Some(path) = &options.settings.motion {
         if let Some(what) = not_motion(path) {

@@ -90,7 +90,7 @@ fn show(
         let part = |fraction| progress.part((f64::from(index) + fraction) / f64::from(FRAMES), &name_of(file));
         renderer.render_watched(&params, None, part)?;
     }
-    let picture = FrameImages::read(&mut renderer, &[])?.display.left;
+    let picture = FrameImages::read(&mut renderer, &[])?.display.into_left();
     *gpus = Some(renderer.into_devices());
     let plural = |count: usize| if count == 1 { "" } else { "s" };
     let sizes = format!("{} triangle{}, {warnings} warning{}", grouped(count), plural(count), plural(warnings));

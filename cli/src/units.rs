@@ -27,7 +27,7 @@ pub fn warning(settings: &Settings, rig: &Rig, scene: &Scene) -> Option<String> 
     let step = rig.keys.len().div_ceil(MOST_KEYS);
     let aspect = f64::from(size.width) / f64::from(size.height);
     let nearest = rig.keys.iter().step_by(step).try_fold(f64::INFINITY, |nearest, key| {
-        let seen = Seen::of(&rig.view(key.time_s, Eye::MAIN), aspect as f32);
+        let seen = Seen::of(&rig.view(key.time_s, Eye::LEFT), aspect as f32);
         let distance = seen.nearest_surface(scene, &boxes, enough);
         (distance > enough).then_some(nearest.min(distance))
     });
@@ -58,10 +58,16 @@ struct Seen {
 
 impl Seen {
     fn of(view: &View, aspect: f32) -> Self {
-        let View { origin, right, up, forward, tan_half_yfov } = *view;
+        let View { origin, right, up, forward, tan_half_yfov, shift_x } = *view;
         let side = |axis: Vec3, tan: f32| forward * tan + axis;
         let (across, upwards) = (tan_half_yfov * aspect, tan_half_yfov);
-        let sides = [side(right, across), side(-right, across), side(up, upwards), side(-up, upwards), forward];
+        let sides = [
+            side(right, across - shift_x),
+            side(-right, across + shift_x),
+            side(up, upwards),
+            side(-up, upwards),
+            forward,
+        ];
         Self { from: origin, sides }
     }
 

@@ -268,7 +268,7 @@ fn free_camera_finds_the_history_of_one_on_a_path() {
     on_path.rig.keys.extend(end.keys);
     let poses: Vec<_> = [0.0, 0.25, 0.5, 1.0]
         .map(|time_s| {
-            let view = on_path.rig.view(time_s, ::diptych::scene::rig::Eye::Left);
+            let view = on_path.rig.view(time_s, ::diptych::scene::rig::Eye::LEFT);
             still_rig(view.origin, view.forward, Vec3::Y, view.tan_half_yfov)
         })
         .into();

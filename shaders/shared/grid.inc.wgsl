@@ -39,7 +39,7 @@ struct Beside {
 fn pinhole_ray(view: u32, at: vec2<f32>, size: vec2<f32>) -> vec3<f32> {
     let ndc = vec2<f32>(2.0, -2.0) * (at / size) + vec2<f32>(-1.0, 1.0);
     return normalize(frame.camera.views[view].forward
-        + frame.camera.views[view].right * (ndc.x * frame.camera.views[view].tan_half_x)
+        + frame.camera.views[view].right * (ndc.x * frame.camera.views[view].tan_half_x + frame.camera.views[view].shift_x)
         + frame.camera.views[view].up * (ndc.y * frame.camera.views[view].tan_half_y));
 }
 
@@ -49,7 +49,7 @@ fn pinhole_point(v: vec3<f32>, eye: View, size: vec2<f32>) -> vec3<f32> {
     let z = dot(v, eye.forward);
     let front = max(z, 1e-20);
     let ndc = vec2<f32>(
-        dot(v, eye.right) / (front * eye.tan_half_x),
+        dot(v, eye.right) / (front * eye.tan_half_x) - eye.shift_x / eye.tan_half_x,
         -dot(v, eye.up) / (front * eye.tan_half_y),
     );
     return vec3<f32>((ndc * 0.5 + 0.5) * size, z);

@@ -35,6 +35,8 @@ pub struct Checkpoint {
     pub path: PathBuf,
     pub fingerprint: Fingerprint,
     pub extent: Extent,
+    /// Number of views.
+    pub views: usize,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -65,7 +67,7 @@ impl Checkpoint {
         if !differences.is_empty() {
             return Err(CheckpointError::Foreign { path: self.path.clone(), differences });
         }
-        let expected = 4 * self.extent.area() * size_of::<[f64; 3]>();
+        let expected = 2 * self.views * self.extent.area() * size_of::<[f64; 3]>();
         if sums.len() != expected {
             return Err(damaged(format!("it holds {} bytes of sums, not {expected}", sums.len())));
         }
@@ -80,7 +82,7 @@ impl Checkpoint {
     fn accumulation(&self, header: &Header, sums: &[u8]) -> Accumulation {
         let values = sums.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect::<Vec<_>>();
         let mut eyes = values.as_chunks::<3>().0.chunks_exact(self.extent.area()).map(<[_]>::to_vec);
-        let mut half = |samples| Half { samples, sums: [(); 2].map(|()| eyes.next().unwrap_or_default()) };
+        let mut half = |samples| Half { samples, sums: eyes.by_ref().take(self.views).collect() };
         let halves = header.samples.map(&mut half);
         Accumulation { extent: self.extent, halves, dropped: header.dropped }
     }

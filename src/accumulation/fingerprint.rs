@@ -10,7 +10,7 @@ use super::fnv::Fnv;
 use crate::device::{SceneAccess, Traversal};
 use crate::frame::Sampler;
 use crate::image::{Extent, Image};
-use crate::scene::rig::{Eye, Rig};
+use crate::scene::rig::Rig;
 use crate::scene::{Environment, Mesh, Scene};
 use crate::stages::shader_text_of;
 
@@ -44,7 +44,7 @@ const SHADERS: [&str; 3] = ["gbuffer", "path_trace", "tonemap"];
 
 impl Fingerprint {
     pub fn of(subject: &Subject<'_>) -> Self {
-        let camera = Eye::ALL.map(|eye| subject.rig.view(subject.time_s, eye));
+        let camera: Vec<_> = subject.rig.eyes().map(|eye| subject.rig.view(subject.time_s, eye)).collect();
         let optics = subject.rig.optics;
         let text = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
         let traversal = subject.traversal;

@@ -63,9 +63,9 @@ pub(super) fn check(settings: &Settings, views: &[Inputs<impl Array>]) -> Result
             let checked = array.check(settings.extent, is_finite);
             checked.or_else(|wrong| given(format!("{name} of view {number} {wrong}")))?;
         }
-        let View { origin, right, up, forward, tan_half_yfov } = view.camera;
+        let View { origin, right, up, forward, tan_half_yfov, shift_x } = view.camera;
         let is_finite = [origin, right, up, forward].iter().all(|axis| axis.is_finite());
-        if !(is_finite && tan_half_yfov.is_finite() && tan_half_yfov > 0.0) {
+        if !(is_finite && tan_half_yfov.is_finite() && tan_half_yfov > 0.0 && shift_x.is_finite()) {
             return given(format!("the camera of view {number} has values that are not finite, or no field of view"));
         }
     }
@@ -78,8 +78,14 @@ mod tests {
     use crate::image::Extent;
     use glam::Vec3;
 
-    const CAMERA: View =
-        View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::NEG_Z, tan_half_yfov: 1.0 };
+    const CAMERA: View = View {
+        origin: Vec3::ZERO,
+        right: Vec3::X,
+        up: Vec3::Y,
+        forward: Vec3::NEG_Z,
+        tan_half_yfov: 1.0,
+        shift_x: 0.0,
+    };
 
     #[test]
     fn rejects_frames_that_do_not_fit_their_settings() {

@@ -64,7 +64,7 @@ impl Settings {
     pub fn check(&self) -> Result<(), DenoiseError> {
         within("width", self.extent.width, Extent::SIDES)?;
         within("height", self.extent.height, Extent::SIDES)?;
-        within("views", self.views, 1..=Eye::ALL.len())?;
+        within("views", self.views, 1..=Eye::BOTH.len())?;
         within("iterations", self.iterations, 1..=Denoiser::MAX_ITERATIONS)?;
         within("spp", self.spp, 1..=65536)?;
         Ok(within("exposure_ev", self.exposure_ev, -60.0..=60.0)?)
@@ -162,7 +162,7 @@ impl FrameDenoiser {
         // A renderer may have left the limit of its frame budget.
         gpu.patience = GpuDevice::START_PATIENCE;
         let spec = settings.spec();
-        let is_seen = |pass: &Pass| (pass.view as usize) < settings.views;
+        let is_seen = |pass: &Pass| pass.view.index() < settings.views;
         let passes: Vec<Pass> = declare(&spec).passes.into_iter().filter(is_seen).collect();
         let program = Program::new(spec.extent, spec.seam, passes).map_err(crate::stages::StageError::from)?;
         let (tables, programs) = (no_scene()?, [program]);
@@ -231,7 +231,7 @@ impl FrameDenoiser {
         let constants = self.constants(views);
         let previous = self.previous.unwrap_or_else(|| (&constants).into());
         self.stages.set_constants(&self.gpu, encoder, &constants, &previous);
-        for (eye, given) in Eye::ALL.into_iter().zip(views) {
+        for (eye, given) in Eye::BOTH.into_iter().zip(views) {
             self.import(encoder, eye, given);
         }
         self.dispatch(encoder, Place::of(self.denoised, 1), constants.sampling.samples);
@@ -243,7 +243,7 @@ impl FrameDenoiser {
     /// left. Its usages are `STORAGE`, `COPY_SRC` and `COPY_DST`. All frames are denoised into the same buffers.
     pub fn outputs(&self) -> Vec<&wgpu::Buffer> {
         let output = |eye| self.stages.images.buffer(&bound(LINEAR), eye, Place::default());
-        Eye::ALL.into_iter().take(self.settings.views).map(output).collect()
+        Eye::BOTH.into_iter().take(self.settings.views).map(output).collect()
     }
 
     fn constants<A>(&self, views: &[Inputs<A>]) -> layout::Frame {

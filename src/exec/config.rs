@@ -30,6 +30,13 @@ impl RunConfig {
     /// A message if eyes with custom optics would need too large a rectified image.
     pub fn for_envelope(scene: &LoadedScene, extent: Extent, envelope: Envelope) -> Result<Self, String> {
         let mut config = Self::of_scene(extent, &scene.scene, &scene.tables);
+        let rig = &scene.shot.rig;
+        config.buffers.views = rig.views;
+        if rig.convergence_m.is_some() && (rig.optics.is_some() || envelope.most.polar.is_some()) {
+            return Err(
+                "convergence supports neither polar foveation nor the eye projections of head motion".to_owned()
+            );
+        }
         if let Some(optics) = &scene.shot.rig.optics {
             config.buffers.display = Display::Resampled { projection: optics.rectified(extent)?, is_late: false };
         }
@@ -47,6 +54,8 @@ impl RunConfig {
     pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
         let (buffers, most) = (&self.buffers, &self.envelope.most);
         FrameSpec {
+            view_count: buffers.views,
+            sources: buffers.sources,
             views: if buffers.reproject { Views::Reprojected } else { Views::Traced },
             filter_once: self.filter_once,
             blind_iterations: self.blind_iterations,

@@ -1,5 +1,6 @@
 //! Costs of a finished frame, extracted from its report for the cost model.
 
+use std::collections::HashMap;
 use std::ops::Range;
 
 use super::{FrameReport, TaskTiming, TimedTask};
@@ -11,7 +12,7 @@ use crate::schedule::{FrameCosts, StageCost, TransferCost};
 pub fn frame_costs(report: &FrameReport, devices: usize, begun_ms: Option<f64>) -> FrameCosts {
     let ms = |t: &TaskTiming| t.end_ms - t.begin_ms;
     let mut costs = FrameCosts {
-        rays: report.row_tallies.each_ref().map(|rows| rows.iter().map(|r| r.rays).collect()),
+        rays: report.row_tallies.iter().map(|rows| rows.iter().map(|r| r.rays).collect()).collect(),
         ..Default::default()
     };
     for task in &report.tasks {
@@ -92,11 +93,11 @@ impl<'a> Queue<'a> {
     /// returns true for stages of the filter, and `receives` for the indices of the passes before which the device
     /// receives rows. The first pass does not count: before it, the queue waits for other devices to finish tracing.
     fn exchange_wait_ms(&self, filters: impl Fn(Stage) -> bool, receives: impl Fn(usize) -> bool) -> Option<f64> {
-        let mut passes = [0; 2];
+        let mut passes = HashMap::new();
         let mut waits_ms = Vec::new();
         let is_filter = |t: &TaskTiming| matches!(t.kind, TimedTask::Gpu(stage) if filters(stage));
         for (gap, stage) in self.gaps().filter(|(_, s)| is_filter(s)) {
-            let pass = &mut passes[stage.view as usize];
+            let pass = passes.entry(stage.view).or_insert(0);
             if *pass > 0 && receives(*pass) {
                 waits_ms.push(if self.receives_in(&gap) { gap.end - gap.start } else { 0.0 });
             }
@@ -116,7 +117,7 @@ mod tests {
         TaskTiming {
             stage: "".into(),
             kind,
-            view: Eye::Left,
+            view: Eye::LEFT,
             device: 0,
             rows: 0..1,
             begin_ms,

@@ -52,7 +52,7 @@ pub struct CompleteFrame {
     /// Images that the primary returned with its answer.
     pub images: HashMap<Output, Pixels>,
     /// Buffers of its outputs on the primary; empty if the primary is on another rank.
-    pub buffers: HashMap<Output, [wgpu::Buffer; 2]>,
+    pub buffers: HashMap<Output, Vec<wgpu::Buffer>>,
 }
 
 /// Outcome of the oldest frame in flight.
@@ -71,7 +71,7 @@ struct Collected {
     begin_ms: f64,
     end_ms: f64,
     images: HashMap<Output, Pixels>,
-    buffers: HashMap<Output, [wgpu::Buffer; 2]>,
+    buffers: HashMap<Output, Vec<wgpu::Buffer>>,
 }
 
 /// The workers, and their frames in flight.
@@ -159,11 +159,24 @@ impl Frames {
             let (runs, injected) = self.injected.take(device, index);
             injections.extend(injected.map(|kind| Injection { kind, device, frames: index..index + 1 }));
             let Inputs { constants, previous, place, ref reads, .. } = inputs;
-            let (reads, update) = (reads.to_vec(), inputs.update.clone());
+            let (reads, update, views) = (reads.to_vec(), inputs.update.clone(), inputs.views.clone());
             let (splits, plan) = (splits(device), plan.clone());
             let late = inputs.late.clone().filter(|_| device == plan.assignment.primary());
             let watch = inputs.watch.clone();
-            let job = FrameJob { plan, constants, previous, update, place, reads, splits, late, runs, injected, watch };
+            let job = FrameJob {
+                plan,
+                constants,
+                previous,
+                views,
+                update,
+                place,
+                reads,
+                splits,
+                late,
+                runs,
+                injected,
+                watch,
+            };
             orders.push((device, Work::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);
@@ -297,12 +310,12 @@ impl Frames {
         report.makespan_ms = end_ms - report.begin_ms;
         report.interval_ms = self.whole.as_ref().map(|w| end_ms - w.end_ms);
         if let Some(tallies) = images.remove(&Output::from(ROW_TALLY)) {
-            report.row_tallies = tallies.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
-            report.tallies = report.row_tallies.each_ref().map(|rows| Tally::of(rows));
+            report.row_tallies = tallies.iter().map(|bytes| bytemuck::pod_collect_to_vec(bytes)).collect();
+            report.tallies = report.row_tallies.iter().map(|rows| Tally::of(rows)).collect();
         }
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
         let times = report.tasks.iter().flat_map(|task| [task.begin_ms, task.end_ms]);
-        check(&inputs.constants, report.pixels, &report.tallies, times.chain([begin_ms, end_ms]))
+        check(&inputs.constants, &report.pixels, &report.tallies, times.chain([begin_ms, end_ms]))
             .map_err(|what| ExecError::Implausible { frame: report.index, what })?;
         if attempt.number == 1 {
             self.limits.learn(inputs.samples(), report.makespan_ms);

@@ -21,6 +21,8 @@ pub struct Inputs {
     pub relative_cost: RelativeCost,
     /// Constants of the previous frame.
     pub previous: layout::Previous,
+    /// Each view of this and of the previous frame; empty for two eyes, which the constants have.
+    pub views: Vec<[layout::View; 2]>,
     /// Changes to the scene tables.
     pub update: SceneUpdate,
     /// Bounds of each moving body, relative to the tables' origin, and its maximum displacement since the previous
@@ -38,9 +40,10 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Returns the number of samples in the images of both eyes.
+    /// Returns the number of samples in the images of all views.
     pub(super) fn samples(&self) -> u64 {
         let layout::Frame { camera, sampling, .. } = self.constants;
-        2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.samples.most())
+        let views = if self.views.is_empty() { 2 } else { self.views.len() as u64 };
+        views * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.samples.most())
     }
 }

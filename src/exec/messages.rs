@@ -34,7 +34,7 @@ pub struct Order {
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Work {
     Frame(Box<FrameJob>),
-    /// Send back an image for both eyes, from the buffers that `place` selects. If `injected` is given, inject this
+    /// Send back an image of all views, from the buffers that `place` selects. If `injected` is given, inject this
     /// fault first.
     Read {
         image: Output,
@@ -53,6 +53,9 @@ pub struct FrameJob {
     /// Constants of the previous frame.
     #[serde(with = "wire::pod")]
     pub previous: layout::Previous,
+    /// Each view of this and of the previous frame; empty for two eyes, which the constants have.
+    #[serde(with = "wire::pods")]
+    pub views: Vec<[layout::View; 2]>,
     /// Changes to the scene tables.
     pub update: SceneUpdate,
     /// Selects the buffers that the frame writes.
@@ -86,8 +89,8 @@ pub enum Answer {
     Pixels(Pixels),
 }
 
-/// An image of both eyes, in the device's memory layout.
-pub type Pixels = [Vec<u8>; 2];
+/// An image of all views, in the device's memory layout.
+pub type Pixels = Vec<Vec<u8>>;
 
 /// Reason for which a worker did not execute an order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -115,7 +118,7 @@ pub struct FrameReply {
     pub shown_from: Option<Box<SampledPose>>,
     /// Buffers of each output of the frame; only from the primary, if it is on rank 0.
     #[serde(skip)]
-    pub buffers: Vec<(Output, [wgpu::Buffer; 2])>,
+    pub buffers: Vec<(Output, Vec<wgpu::Buffer>)>,
     /// Samples of each path-traced pixel, without those of hole filling, if the frame has ended early.
     pub spp_done: Option<u32>,
 }
@@ -211,7 +214,7 @@ pub(super) mod tests {
 
     fn job(seam: Seam, history: Option<History>) -> FrameJob {
         let mut assignment = Assignment::uniform(Stripes::even(90, 3));
-        assignment.set(PARTITION, Eye::Right, Stripes::from_edges(90, &[10, 70]));
+        assignment.set(PARTITION, Eye::RIGHT, Stripes::from_edges(90, &[10, 70]));
         // Device 0 was dropped.
         let assignment = assignment.renumbered(&[1, 2, 3], 4);
         let mut constants = layout::Frame::default();
@@ -224,6 +227,7 @@ pub(super) mod tests {
                 views: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
                 sampling: layout::Sampling { reflections: 3, ..Default::default() },
             },
+            views: vec![[layout::View { shift_x: 0.1, ..Default::default() }; 2]; 3],
             update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]], left_out: 3 },
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
@@ -258,11 +262,11 @@ pub(super) mod tests {
     pub fn replies() -> Vec<Reply> {
         let reply = |answer| Reply { ticket: 3, device: 63, answer };
         let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
-        let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
+        let images = vec![vec![vec![0, 255], vec![7]], vec![vec![], vec![1]]];
         let (shown_from, buffers) = (None, Vec::new());
         let (clock_residual_us, begin_ms, end_ms, spp_done) = (0.2, -0.0, 0.7, Some(12));
         let done = FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers, spp_done };
-        let done = [Answer::Frame(done), Answer::Pixels([vec![1, 2], vec![3, 4]])];
+        let done = [Answer::Frame(done), Answer::Pixels(vec![vec![1, 2], vec![3, 4]])];
         let kinds = [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error];
         let failure = |kind| Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() });
         let stops = kinds.map(failure).into_iter().chain([Stop::Aborted]);

@@ -7,7 +7,6 @@ use serde::{Deserialize, Serialize};
 use super::output::Output;
 use super::wire;
 use crate::graph::{Assignment, Program, Seam};
-use crate::scene::rig::Eye;
 
 /// Description of the previous frame's images, which remain on the devices as history.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -23,10 +22,11 @@ pub struct History {
 }
 
 impl History {
-    /// Returns the smallest range that contains the rows of all failed devices in all history images of both eyes.
+    /// Returns the smallest range that contains the rows of all failed devices in all history images.
     pub fn lost_rows(&self, program: &Program) -> Range<u32> {
         let kept = program.images().iter().filter(|image| image.is_before);
-        let of_image = kept.flat_map(|image| Eye::ALL.map(|view| (program.writer(&image.resource, view), view)));
+        let of_image =
+            kept.flat_map(|image| program.eyes().iter().map(|&view| (program.writer(&image.resource, view), view)));
         let stripes = of_image.filter_map(|(group, view)| Some(self.before.stripes(group?, view)));
         let rows = stripes.flat_map(|stripes| self.lost.iter().map(|&device| stripes.rows(device)).collect::<Vec<_>>());
         let lost = rows.filter(|rows| !rows.is_empty());

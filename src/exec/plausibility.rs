@@ -30,18 +30,18 @@ fn most_rays(constants: &Frame) -> u64 {
     ((samples + 1) * (2 * first + path)).min(MOST_COUNTED)
 }
 
-/// Checks the totals of both eyes, with their numbers of pixels, and the times of a frame.
+/// Checks the totals of all views, with their numbers of pixels, and the times of a frame.
 ///
 /// # Errors
 /// The first value that no working device returns.
 pub fn check(
     constants: &Frame,
-    pixels: [u64; 2],
-    tallies: &[Tally; 2],
+    pixels: &[u64],
+    tallies: &[Tally],
     mut times_ms: impl Iterator<Item = f64>,
 ) -> Result<(), String> {
     let most = most_rays(constants);
-    for (pixels, Tally { rays, .. }) in pixels.into_iter().zip(tallies) {
+    for (pixels, Tally { rays, .. }) in pixels.iter().zip(tallies) {
         if *rays > pixels.saturating_mul(most) {
             return Err(format!("{rays} rays of {pixels} pixels, of which each has at most {most}"));
         }
@@ -66,7 +66,7 @@ mod tests {
 
     fn checked(constants: &Frame, rays: [u64; 2], times_ms: &[f64]) -> Result<(), String> {
         let tallies = rays.map(|rays| Tally { rays, ..Default::default() });
-        check(constants, [100, 50], &tallies, times_ms.iter().copied())
+        check(constants, &[100, 50], &tallies, times_ms.iter().copied())
     }
 
     #[test]

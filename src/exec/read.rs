@@ -7,14 +7,14 @@ use bytemuck::Pod;
 
 use super::messages::Pixels;
 use super::output::Output;
-use super::{ExecError, Renderer, Stereo};
+use super::{ExecError, PerView, Renderer};
 use crate::graph::{FrameGraph, Resource};
 use crate::image::{Image, RgbImage};
 use crate::passes::tonemap::{DISPLAY, LINEAR};
 use crate::passes::{Aov, aov_image};
 
 impl Renderer {
-    /// Reads an image of both eyes as raw bytes. If the primary fails, the other devices render the frame again.
+    /// Reads an image of all views as raw bytes. If the primary fails, the other devices render the frame again.
     fn read(&mut self, image: Resource) -> Result<Cow<'_, Pixels>, ExecError> {
         let output = Output::from(image);
         loop {
@@ -31,19 +31,18 @@ impl Renderer {
         }
     }
 
-    /// Reads an output of the last frame's passes: the bytes of each eye's image, row after row.
+    /// Reads an output of the last frame's passes: the bytes of each view's image, row after row.
     ///
     /// # Errors
     /// Errors of [`Self::read_linear`]; also [`ExecError::NoFrame`] if `image` is not an output of the frame.
-    pub fn read_output(&mut self, image: Resource) -> Result<Stereo<Vec<u8>>, ExecError> {
+    pub fn read_output(&mut self, image: Resource) -> Result<PerView<Vec<u8>>, ExecError> {
         let is_output = |(_, graph): &(_, Arc<FrameGraph>)| {
             graph.program.outputs().any(|number| graph.program.images()[number].resource == image)
         };
         if !self.planned.as_ref().is_some_and(is_output) {
             return Err(ExecError::NoFrame);
         }
-        let [left, right] = self.read(image)?.into_owned();
-        Ok(Stereo { left, right })
+        Ok(self.read(image)?.into_owned().into_iter().collect())
     }
 
     /// Returns true if there is a frame whose images can be read.
@@ -52,64 +51,60 @@ impl Renderer {
     }
 
     /// Returns the device that was the last frame's primary (0 unless a device has failed), and its buffers that hold
-    /// the output `image` of both eyes, in the layout of [`Self::read_output`]. The buffers keep their contents until
+    /// the output `image` of all views, in the layout of [`Self::read_output`]. The buffers keep their contents until
     /// another frame begins. Returns `None` if the primary is on another rank.
     ///
     /// # Errors
     /// [`ExecError::NoFrame`] if no frame is complete, frames are in flight, or the last frame did not gather this
     /// output.
-    pub fn output_buffers(&self, image: Resource) -> Result<Option<(usize, Stereo<wgpu::Buffer>)>, ExecError> {
+    pub fn output_buffers(&self, image: Resource) -> Result<Option<(usize, PerView<wgpu::Buffer>)>, ExecError> {
         let image = Output::from(image);
         let whole = self.frames.complete_with(&image)?;
-        let stereo = |[left, right]: [wgpu::Buffer; 2]| Stereo { left, right };
-        Ok(whole.buffers.get(&image).cloned().map(|buffers| (whole.primary, stereo(buffers))))
+        Ok(whole.buffers.get(&image).cloned().map(|buffers| (whole.primary, buffers.into_iter().collect())))
     }
 
-    /// Reads both eyes' images of the last frame in scene-referred linear RGB.
+    /// Reads all views' images of the last frame in scene-referred linear RGB.
     ///
     /// # Errors
     /// [`ExecError::NoFrame`] if no frame is complete, or frames are in flight and the image was not requested;
     /// [`ExecError::NoneLeft`] if the last device failed.
-    pub fn read_linear(&mut self) -> Result<Stereo<RgbImage>, ExecError> {
+    pub fn read_linear(&mut self) -> Result<PerView<RgbImage>, ExecError> {
         let extent = self.config.buffers.extent;
         let pixels = self.read(LINEAR)?;
         let image =
             |bytes: &Vec<u8>| Image { extent, pixels: values(bytes).map(|[r, g, b, _]: [f32; 4]| [r, g, b]).collect() };
-        let [left, right] = pixels.each_ref().map(image);
-        Ok(Stereo { left, right })
+        Ok(pixels.iter().map(image).collect())
     }
 
-    /// Reads both eyes' display images of the last frame, tonemapped and encoded on the devices, with 4 bytes per
+    /// Reads all views' display images of the last frame, tonemapped and encoded on the devices, with 4 bytes per
     /// pixel.
     ///
     /// # Errors
     /// Errors of [`Self::read_linear`].
-    pub fn read_display(&mut self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
+    pub fn read_display(&mut self) -> Result<PerView<Image<[u8; 4]>>, ExecError> {
         let extent = self.config.buffers.extent;
         let pixels = self.read(DISPLAY)?;
-        let [left, right] = pixels.each_ref().map(|bytes: &Vec<u8>| Image { extent, pixels: values(bytes).collect() });
-        Ok(Stereo { left, right })
+        Ok(pixels.iter().map(|bytes| Image { extent, pixels: values(bytes).collect() }).collect())
     }
 
-    /// Reads the i-th auxiliary image (AOV) of the configuration. Returns for each eye the values of all pixels per
+    /// Reads the i-th auxiliary image (AOV) of the configuration. Returns for each view the values of all pixels per
     /// channel, in the order of [`Aov::channels`].
     ///
     /// # Errors
     /// Errors of [`Self::read_linear`].
-    pub fn read_aov(&mut self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
+    pub fn read_aov(&mut self, i: usize) -> Result<PerView<Vec<Vec<f32>>>, ExecError> {
         let aov: Aov = self.config.buffers.aovs[i];
         let pixels = self.read(aov_image(i as u8))?;
         let channel = |bytes: &Vec<u8>, c: usize| values(bytes).map(|pixel: [f32; 4]| pixel[c]).collect();
         let channels = |bytes: &Vec<u8>| (0..aov.channels().len()).map(|c| channel(bytes, c)).collect();
-        let [left, right] = pixels.each_ref().map(channels);
-        Ok(Stereo { left, right })
+        Ok(pixels.iter().map(channels).collect())
     }
 
     /// Reads the i-th auxiliary image like [`Self::read_aov`], but returns all channels of a pixel, then the next pixel.
     ///
     /// # Errors
     /// Errors of [`Self::read_linear`].
-    pub fn read_aov_pixels(&mut self, i: usize) -> Result<Stereo<Vec<f32>>, ExecError> {
+    pub fn read_aov_pixels(&mut self, i: usize) -> Result<PerView<Vec<f32>>, ExecError> {
         let count = self.config.buffers.aovs[i].channels().len();
         let pixels = self.read(aov_image(i as u8))?;
         let channels = |bytes: &Vec<u8>| {
@@ -117,8 +112,7 @@ impl Renderer {
             values(bytes).for_each(|pixel: [f32; 4]| channels.extend_from_slice(&pixel[..count]));
             channels
         };
-        let [left, right] = pixels.each_ref().map(channels);
-        Ok(Stereo { left, right })
+        Ok(pixels.iter().map(channels).collect())
     }
 }
 

@@ -40,8 +40,8 @@ pub struct Renderer {
     /// The latest plan and its graph.
     pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     pub(super) frames: Frames,
-    /// Constants of the last frame that was begun, and its time in the scene, in seconds.
-    last: Option<(layout::Previous, f64)>,
+    /// Constants of the last frame that was begun, its views unless they are two, and its time in the scene, in seconds.
+    last: Option<(layout::Previous, Vec<layout::View>, f64)>,
     /// Images that frames gather on the primary; `None` gathers all outputs.
     outputs: Option<Vec<Output>>,
     pub(super) pose_source: Option<Arc<PoseSource>>,
@@ -234,11 +234,12 @@ impl Renderer {
         watch: Option<Arc<Watch>>,
     ) -> Result<(), ExecError> {
         let FrameParams { time_s, quality, ref relative_cost, .. } = *params;
-        let mut constants = constants(&self.config, params, &self.tables, samples);
+        let (mut constants, views) = constants(&self.config, params, &self.tables, samples);
         if self.frames.is_full() {
             self.finish()?;
         }
-        let (previous, last_s) = self.last.unwrap_or_else(|| ((&constants).into(), time_s));
+        let last = self.last.take();
+        let (previous, before, last_s) = last.unwrap_or_else(|| ((&constants).into(), views.clone(), time_s));
         let (update, moved) = self.tables.update(&mut constants, time_s, last_s);
         let place = Place::of(self.begun, self.config.execution.frames_in_flight);
         self.begun += 1;
@@ -246,9 +247,22 @@ impl Renderer {
         let relative_cost = relative_cost.clone();
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
         let late = self.late(params);
-        self.last = Some(((&constants).into(), time_s));
-        let inputs =
-            Inputs { constants, quality, relative_cost, previous, update, moved, place, reads, outputs, late, watch };
+        let both = views.iter().zip(before).map(|(now, before)| [*now, before]).collect();
+        self.last = Some(((&constants).into(), views, time_s));
+        let inputs = Inputs {
+            constants,
+            quality,
+            relative_cost,
+            previous,
+            views: both,
+            update,
+            moved,
+            place,
+            reads,
+            outputs,
+            late,
+            watch,
+        };
         self.dispatch_frame(inputs, None);
         Ok(())
     }
@@ -350,7 +364,7 @@ impl Renderer {
             tasks: Vec::new(),
             clock_residuals_us: Vec::new(),
             tallies: Default::default(),
-            pixels: inputs.constants.camera.views.map(|view| self.config.pixels(&view)),
+            pixels: self.pixels(&inputs),
             row_tallies: Default::default(),
             bodies_left_out: inputs.update.left_out,
             devices: left,
@@ -379,6 +393,15 @@ impl Renderer {
         let tasks_ms = if known { (0..graph.devices()).map(tasks_ms).collect() } else { Vec::new() };
         self.frames.predict_last(predicted.map(|p| p.makespan_ms), tasks_ms);
         self.planned = Some((plan, graph));
+    }
+
+    /// Returns the number of pixels of each view's traced image.
+    fn pixels(&self, inputs: &Inputs) -> Vec<u64> {
+        let of_view = |view: &layout::View| self.config.pixels(view);
+        match inputs.views.is_empty() {
+            true => inputs.constants.camera.views.iter().map(of_view).collect(),
+            false => inputs.views.iter().map(|[now, _]| of_view(now)).collect(),
+        }
     }
 
     /// Returns the search range of the frame's temporal reprojection, in rows above and below. Returns `None` if the

@@ -10,7 +10,7 @@ use super::late_latching::SampledPose;
 use super::messages::TaskTime;
 use crate::graph::{Assignment, FrameGraph, Program, TaskKind, TimedTask, Work};
 use crate::passes::path_trace::PARTITION;
-use crate::passes::{FrameSpec, HoleReason, RowTally, Views};
+use crate::passes::{FrameSpec, HoleReason, RowTally};
 use crate::scene::rig::Eye;
 
 /// Time of one task on one device, milliseconds since the renderer's origin.
@@ -102,11 +102,11 @@ pub struct FrameReport {
     /// Device numbers, each with the maximum error of the device's times so far, in microseconds.
     pub clock_residuals_us: Vec<(usize, f64)>,
     /// Totals per eye, over all rows.
-    pub tallies: [Tally; 2],
+    pub tallies: Vec<Tally>,
     /// Number of pixels of each eye's traced image.
-    pub pixels: [u64; 2],
+    pub pixels: Vec<u64>,
     /// Tallies per eye and row.
-    pub row_tallies: [Vec<RowTally>; 2],
+    pub row_tallies: Vec<Vec<RowTally>>,
     /// Number of moving bodies left out of the frame: rays cannot intersect bodies that are too small, too stretched or
     /// too far away.
     pub bodies_left_out: u32,
@@ -134,9 +134,9 @@ impl FrameReport {
         self.shown_from.as_ref().map(|pose| self.begin_ms + self.makespan_ms - pose.at_ms)
     }
 
-    /// Returns the rows at which the left eye's stripes of path tracing meet.
+    /// Returns the rows at which the main view's stripes of path tracing meet.
     pub fn stripe_edges(&self) -> &[u32] {
-        self.assignment.stripes(PARTITION, Eye::MAIN).inner_edges()
+        self.assignment.stripes(PARTITION, self.program.main_eye()).inner_edges()
     }
 
     /// Returns the busy time by stage in milliseconds, summed over views and devices.
@@ -153,7 +153,7 @@ impl FrameReport {
         let counts = self.program.passes().iter().map(|linked| &linked.pass).filter(|pass| pass.work == Work::Rays);
         let mut rays = BTreeMap::new();
         for pass in counts {
-            let (tally, pixels) = (&self.tallies[pass.view as usize], self.pixels[pass.view as usize]);
+            let (tally, pixels) = (&self.tallies[pass.view.index()], self.pixels[pass.view.index()]);
             *rays.entry(pass.stage.name().to_owned()).or_default() +=
                 tally.rays.saturating_sub(pixels) as f64 / pixels.max(1) as f64;
         }
@@ -176,20 +176,26 @@ impl FrameReport {
         self.tasks.iter().map(task).collect()
     }
 
-    /// Returns which fractions of the right eye's pixels were reprojected, traced or filled in. Returns `None` if the
-    /// right eye was traced like the left one.
+    /// Returns which fractions of the right eye's pixels were reprojected, traced or filled in; with more views, the means
+    /// of all reprojected ones. Returns `None` if no view was reprojected.
     pub fn right_eye(&self) -> Option<RightEye> {
-        (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.pixels[1]))
+        let reprojected = self.program.eyes().iter().copied().filter(|eye| self.spec.source(*eye).is_some());
+        let of_view = |eye: Eye| (self.tallies[eye.index()], self.pixels[eye.index()]);
+        let (tally, pixels) = reprojected.map(of_view).reduce(|(a, n), (b, m)| (a + b, n + m))?;
+        Some(RightEye::of(&tally, pixels))
     }
 
-    /// Returns the number of pixels of each eye's image that start paths. For log-polar images it includes pixels
+    /// Returns the number of pixels of each view's image that start paths. For log-polar images it includes pixels
     /// outside the screen, which start none ([`crate::projection::PolarSpace::traced_fraction`]).
-    pub fn traced_pixels(&self) -> [u64; 2] {
-        let sampled = |eye: usize| self.pixels[eye] - self.tallies[eye].unsampled;
-        match self.spec.views {
-            Views::Traced => [sampled(0), sampled(1)],
-            Views::Reprojected => [sampled(0), self.tallies[1].holes.iter().sum()],
-        }
+    pub fn traced_pixels(&self) -> Vec<u64> {
+        let of_view = |eye: Eye| {
+            let tally = &self.tallies[eye.index()];
+            match self.spec.source(eye) {
+                None => self.pixels[eye.index()] - tally.unsampled,
+                Some(_) => tally.holes.iter().sum(),
+            }
+        };
+        self.program.eyes().iter().copied().map(of_view).collect()
     }
 
     /// Returns the number of bytes of rows transferred between ranks; `None` in a run of one process.
@@ -234,6 +240,20 @@ impl Tally {
             }
         }
         sum
+    }
+}
+
+impl std::ops::Add for Tally {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            rays: self.rays + other.rays,
+            nonfinite: self.nonfinite + other.nonfinite,
+            holes: std::array::from_fn(|i| self.holes[i] + other.holes[i]),
+            unsampled: self.unsampled + other.unsampled,
+            clipped: self.clipped + other.clipped,
+        }
     }
 }
 
@@ -285,23 +305,5 @@ impl fmt::Display for RightEye {
             write!(f, "{} mirrors, glass or gloss)", of(&[HoleReason::View]))?;
         }
         Ok(())
-    }
-}
-
-/// A value for each eye.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Stereo<T> {
-    pub left: T,
-    pub right: T,
-}
-
-impl<T> Stereo<T> {
-    /// Returns the value of an eye.
-    pub fn of(&self, eye: Eye) -> &T {
-        match eye {
-            Eye::Left => &self.left,
-            Eye::Right => &self.right,
-        }
     }
 }

@@ -24,6 +24,24 @@ pub mod pod {
     }
 }
 
+/// Serializes lists of such types.
+pub mod pods {
+    use bytemuck::Pod;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<T: Pod, S: Serializer>(values: &[T], serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(bytemuck::cast_slice(values))
+    }
+
+    pub fn deserialize<'de, T: Pod, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
+        let bytes = Vec::deserialize(deserializer)?;
+        if bytes.len() % size_of::<T>() != 0 {
+            return Err(serde::de::Error::custom("a part of a value"));
+        }
+        Ok(bytemuck::pod_collect_to_vec::<u8, T>(&bytes))
+    }
+}
+
 /// Serializes types that omit absent fields, which the binary format of packets does not allow: as JSON text.
 pub mod as_text {
     use serde::de::Error as _;
@@ -40,19 +58,19 @@ pub mod as_text {
 }
 
 /// Serialized form of an [`Assignment`]. `common` holds the inner edges of the stripes that most partitions share.
-/// `own` holds the inner edges for partitions with stripes of their own, each with partition name and eye number.
+/// `own` holds the inner edges for partitions with stripes of their own, each with partition name and view.
 #[derive(Serialize, Deserialize)]
 struct AssignmentFields {
     primary: usize,
     height: u32,
     common: Vec<u32>,
-    own: Vec<(String, usize, Vec<u32>)>,
+    own: Vec<(String, Option<Eye>, Vec<u32>)>,
 }
 
 impl From<&Assignment> for AssignmentFields {
     fn from(assignment: &Assignment) -> Self {
         let edges = |stripes: &Stripes| stripes.inner_edges().to_vec();
-        let own = |((group, eye), stripes): &((Partition, Eye), _)| (group.0.to_owned(), *eye as usize, edges(stripes));
+        let own = |((group, eye), stripes): &((Partition, _), _)| (group.0.to_owned(), *eye, edges(stripes));
         Self {
             primary: assignment.primary(),
             height: assignment.height(),
@@ -74,7 +92,7 @@ impl AssignmentFields {
         let mut assignment = Assignment::uniform(stripes(&self.common)?).with_primary(self.primary)?;
         for (name, eye, edges) in &self.own {
             let group = known.iter().find(|group| group.0 == name)?;
-            assignment.set(*group, *Eye::ALL.get(*eye)?, stripes(edges)?);
+            assignment.set(*group, *eye, stripes(edges)?);
         }
         Some(assignment)
     }
@@ -104,10 +122,10 @@ mod tests {
             let own = vec![(name.to_owned(), eye, edges)];
             AssignmentFields { primary, height: 9, common: vec![4, 5], own }.assignment()
         };
-        assert_eq!(fields(1, "path_trace", 1, vec![0, 5]).map(|a| a.primary()), Some(1));
-        assert_eq!(fields(3, "path_trace", 1, vec![0, 5]), None);
-        assert_eq!(fields(1, "path_trace", 2, vec![0, 5]), None);
-        assert_eq!(fields(1, "path_trace", 1, vec![0, 5, 6]), None);
-        assert_eq!(fields(1, "no such group", 1, vec![0, 5]), None);
+        let right = Some(Eye::RIGHT);
+        assert_eq!(fields(1, "path_trace", right, vec![0, 5]).map(|a| a.primary()), Some(1));
+        assert_eq!(fields(3, "path_trace", right, vec![0, 5]), None);
+        assert_eq!(fields(1, "path_trace", None, vec![0, 5, 6]), None);
+        assert_eq!(fields(1, "no such group", None, vec![0, 5]), None);
     }
 }

@@ -15,6 +15,7 @@ use crate::projection::{PolarSpace, within};
 use crate::quality::{Denoiser, Envelope, Quality, SettingError};
 use crate::samples::PixelSamples;
 use crate::scene::needs::SceneNeeds;
+use crate::scene::rig::Eye;
 use crate::scene::shot::Gaze;
 
 /// Images of a run, and the passes that write them.
@@ -25,7 +26,11 @@ pub struct Buffers {
     /// Mapping from the screen image, which is a pinhole image, to the displayed one. Eyes with custom
     /// [`optics`](crate::scene::rig::Rig::optics) need [`Display::Resampled`].
     pub display: Display,
-    /// Whether the right eye is reprojected from the left one.
+    /// Number of views of the [`Rig`](crate::scene::rig::Rig).
+    pub views: usize,
+    /// Number of views that are path traced if the others are reprojected, an odd one.
+    pub sources: usize,
+    /// Whether views that are no sources are reprojected from the nearest one.
     pub reproject: bool,
     /// Auxiliary images.
     pub aovs: Vec<Aov>,
@@ -116,6 +121,8 @@ impl RunConfig {
             buffers: Buffers {
                 extent,
                 display: Display::Direct,
+                views: 2,
+                sources: 1,
                 reproject: true,
                 aovs: Vec::new(),
                 needs,
@@ -151,6 +158,21 @@ impl RunConfig {
         let Extent { width, height } = self.buffers.extent;
         within("width", width, Extent::SIDES)?;
         within("height", height, Extent::SIDES)?;
+        within("views", self.buffers.views, 1..=Eye::MOST_VIEWS)?;
+        within("sources", self.buffers.sources, 1..=self.buffers.views)?;
+        if self.buffers.sources % 2 == 0 {
+            return Err(SettingError::EvenSources(self.buffers.sources));
+        }
+        if self.buffers.views != 2 {
+            let most = &self.envelope.most;
+            let with = [
+                (most.fovea.is_some() || most.polar.is_some(), "foveation"),
+                (self.buffers.display != Display::Direct, "the eye projections of head motion"),
+            ];
+            if let Some((_, what)) = with.into_iter().find(|(is_set, _)| *is_set) {
+                return Err(SettingError::NeedsTwoViews { what });
+            }
+        }
         within("frames in flight", self.execution.frames_in_flight, 1..=usize::MAX)?;
         within("clamp", self.indirect_clamp, 0.0..=f32::MAX)?;
         within("unsampled fraction", self.unsampled_fraction, 0.0..=1.0)?;
@@ -161,6 +183,7 @@ impl RunConfig {
     /// Applies settings, except for those of quality, which [`Self::envelope`] bounds.
     pub fn apply(&mut self, settings: &Settings) {
         self.buffers.reproject = settings.reproject;
+        self.buffers.sources = settings.sources as usize;
         self.execution = Execution {
             seam: settings.seam(),
             adapts_halo: settings.halo == HaloMode::Cost,

@@ -12,13 +12,14 @@ use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 use crate::tables::SceneTables;
 
-/// Returns the constants of a frame. They declare that there is no history; a caller that has one sets `history`.
+/// Returns the constants of a frame, which have its outermost views, and all views unless there are only two. They declare
+/// that there is no history; a caller that has one sets `history`.
 pub fn constants(
     config: &RunConfig,
     params: &FrameParams,
     tables: &SceneTables,
     samples: PixelSamples,
-) -> layout::Frame {
+) -> (layout::Frame, Vec<layout::View>) {
     let FrameParams { time_s, index, seed, ref quality, gaze, .. } = *params;
     let extent = config.buffers.extent;
     let aspect = f64::from(extent.width) / f64::from(extent.height);
@@ -38,12 +39,13 @@ pub fn constants(
             [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(screen).map(|tan| tan as f32);
         }
         let Some(polar) = config.envelope.most.polar else { return view };
-        let gaze = gaze[eye as usize];
+        let gaze = gaze[eye.index()];
         polar.look(optics.map_or(gaze, |optics| on_screen(optics, eye, [extent, screen], gaze)), view, screen)
     };
+    let views: Vec<layout::View> = Eye::of_rig(config.buffers.views).map(view).collect();
     let mut frame = layout::Frame {
         camera: layout::Camera {
-            views: Eye::ALL.map(view),
+            views: [views[0], views[views.len() - 1]],
             centre: config.centre(index, samples),
             width,
             height,
@@ -78,7 +80,32 @@ pub fn constants(
         ..Default::default()
     };
     tables.describe(&mut frame);
-    frame
+    (frame, if views.len() == 2 { Vec::new() } else { views })
+}
+
+/// Returns the constants of each view. The entries of `views` are a view of this and of the previous frame. In the
+/// constants of a view, the first camera is that of its source, and the second one its own; it has random numbers of its
+/// own. Two eyes share one set of constants; `views` is then empty.
+pub fn of_views(
+    frame: &layout::Frame,
+    previous: &layout::Previous,
+    views: &[[layout::View; 2]],
+    sources: usize,
+) -> Vec<(layout::Frame, layout::Previous)> {
+    if views.is_empty() {
+        return vec![(*frame, *previous)];
+    }
+    let of_view = |eye: Eye| {
+        let (mut frame, mut previous) = (*frame, *previous);
+        let shown = [eye.source(), eye].map(|eye| views[eye.index()]);
+        frame.camera.views = shown.map(|[now, _]| now);
+        previous.views = shown.map(|[_, before]| before);
+        let key = (eye.index() as u32).wrapping_sub(eye.main().index() as u32).wrapping_mul(GOLDEN_RATIO);
+        frame.sampling.seed = frame.sampling.seed.wrapping_add(key);
+        previous.sampling.seed = previous.sampling.seed.wrapping_add(key);
+        (frame, previous)
+    };
+    Eye::of_rig(views.len()).map(|eye| of_view(eye.among(sources))).collect()
 }
 
 /// Maps a point of an eye's displayed image to the shared projection. Points are fractions of their image's size.
@@ -91,13 +118,13 @@ fn on_screen(optics: &Optics, eye: Eye, [shown, rectified]: [Extent; 2], [x, y]:
 
 /// Returns each eye's mapping from its displayed image of `size` to its rectified image of `grid`.
 fn display_maps(optics: &Optics, [size, grid]: [Extent; 2]) -> [layout::DisplayMap; 2] {
-    Eye::ALL.map(|eye| display_map(optics.homography(eye, size, grid), DVec3::ZERO))
+    Eye::BOTH.map(|eye| display_map(optics.homography(eye, size, grid), DVec3::ZERO))
 }
 
 /// Returns each eye's mapping from the image displayed at the pose of the second rig to the rectified image rendered at
 /// the first. Each rig has one key. `sizes` are the extents of the displayed and the rectified image.
 pub fn late_display_maps(optics: &Optics, sizes: [Extent; 2], rigs: [&Rig; 2]) -> [layout::DisplayMap; 2] {
-    Eye::ALL.map(|eye| {
+    Eye::BOTH.map(|eye| {
         let (columns, moved) = optics.later_homography(eye, sizes, rigs);
         display_map(columns, moved)
     })

@@ -60,8 +60,8 @@ impl Foveation {
         extent: Extent,
         rectified: Option<(&Optics, Extent)>,
     ) -> ([f64; 2], [[f64; 2]; 2]) {
-        let [(left_radii, left), (right_radii, right)] = Eye::ALL.map(|eye| {
-            let (radii, gaze) = self.circles(gaze[eye as usize], extent);
+        let [(left_radii, left), (right_radii, right)] = Eye::BOTH.map(|eye| {
+            let (radii, gaze) = self.circles(gaze[eye.index()], extent);
             rectified.map_or((radii, gaze), |(optics, grid)| {
                 let (gaze, density) = optics.rectified_point(eye, [extent, grid], gaze);
                 (radii.map(|radius| radius * density), gaze)

@@ -92,7 +92,8 @@ fn angle_of_bodies(eye: &View, moved: &[Moved]) -> f64 {
 fn rows_of_bodies(camera: &Camera, eye: &View, moved: &[Moved]) -> f64 {
     let angle = angle_of_bodies(eye, moved);
     // An angle spans the most rows at the corners of the image.
-    let stretch = 1.0 + f64::from(eye.tan_half_x).powi(2) + f64::from(eye.tan_half_y).powi(2);
+    let stretch =
+        1.0 + (f64::from(eye.tan_half_x) + f64::from(eye.shift_x.abs())).powi(2) + f64::from(eye.tan_half_y).powi(2);
     let per_radian = 0.5 * f64::from(camera.height) / f64::from(eye.tan_half_y);
     (angle * stretch * per_radian).ceil()
 }
@@ -109,7 +110,8 @@ fn most_rows(camera: &Camera, previous: &[View; 2], nearness: [f64; 2]) -> Optio
     for (now, before) in [(0, 0), (1, 1), (1, 0)] {
         let (eye, last) = (&camera.views[now], &previous[before]);
         // Depth is at least the distance times the cosine at the corners.
-        let corner = f64::from(eye.tan_half_x).hypot(f64::from(eye.tan_half_y)).hypot(1.0);
+        let corner =
+            (f64::from(eye.tan_half_x) + f64::from(eye.shift_x.abs())).hypot(f64::from(eye.tan_half_y)).hypot(1.0);
         let inverse_depth = nearness[now] * corner;
         for row in 0..camera.height {
             for column in [0, camera.width - 1] {
@@ -125,7 +127,7 @@ fn most_rows(camera: &Camera, previous: &[View; 2], nearness: [f64; 2]) -> Optio
 fn seen_row(camera: &Camera, eye: &View, last: &View, at: DVec2, inverse_depth: f64) -> Option<f64> {
     let axis = |v: Vec3| v.as_dvec3();
     let (width, height) = (f64::from(camera.width), f64::from(camera.height));
-    let x = (2.0 * at.x / width - 1.0) * f64::from(eye.tan_half_x);
+    let x = (2.0 * at.x / width - 1.0) * f64::from(eye.tan_half_x) + f64::from(eye.shift_x);
     let y = (1.0 - 2.0 * at.y / height) * f64::from(eye.tan_half_y);
     let ray: DVec3 = axis(eye.forward) + axis(eye.right) * x + axis(eye.up) * y;
     let p = (axis(eye.origin) - axis(last.origin)) * inverse_depth + ray;

@@ -154,7 +154,7 @@ struct Builder<'a> {
     program: &'a Program,
     dag: DiGraph<Task, usize>,
     /// The versions by image and view.
-    versions: Vec<[Version; 2]>,
+    versions: Vec<Vec<Version>>,
     /// True for each device that has any rows.
     works: Vec<bool>,
     transfers: u32,
@@ -181,7 +181,7 @@ impl<'a> Builder<'a> {
         Self {
             program,
             dag: DiGraph::new(),
-            versions: vec![Default::default(); program.images().len()],
+            versions: vec![vec![Version::default(); program.views()]; program.images().len()],
             works: assignment.works(),
             transfers: 0,
             serial: 0,
@@ -199,22 +199,23 @@ impl<'a> Builder<'a> {
         let works = before.works();
         for (number, bound) in self.program.images().iter().enumerate().filter(|(_, b)| b.is_before) {
             if bound.resource.scope == Scope::Device {
-                if self.program.writer(&bound.resource, Eye::MAIN).is_none() {
+                let main = self.program.main_eye();
+                if self.program.writer(&bound.resource, main).is_none() {
                     continue;
                 }
                 let rows = bound.resource.extent(self.program.extent).rows();
                 let kept = (0..before.devices()).filter(|d| works[*d] && !lost.contains(d));
                 let holding = |device| Holding { rows: rows.clone(), device, node: None };
-                self.versions[number][Eye::MAIN as usize].owned = kept.map(holding).collect();
+                self.versions[number][main.index()].owned = kept.map(holding).collect();
                 continue;
             }
-            for view in Eye::ALL {
+            for &view in self.program.eyes() {
                 let Some(group) = self.program.writer(&bound.resource, view) else { continue };
                 let (from, to) = (before.height(), bound.resource.extent(self.program.extent).height);
                 let holding = |(device, rows)| Holding { rows: share(&rows, from, to), device, node: None };
                 let stripes = before.stripes(group, view);
                 let kept = stripes.iter().filter(|(device, _)| !lost.contains(device));
-                self.versions[number][view as usize].owned = kept.map(holding).collect();
+                self.versions[number][view.index()].owned = kept.map(holding).collect();
             }
         }
     }
@@ -262,15 +263,15 @@ impl<'a> Builder<'a> {
             }
         }
         for (used, &image) in pass.uses.iter().zip(&linked.images).filter(|(u, _)| u.access.writes()) {
-            self.versions[image][pass.eye_of(used) as usize].clone_from(&written);
+            self.versions[image][pass.eye_of(used).index()].clone_from(&written);
         }
     }
 
     /// Makes `consumer` depend on the task that wrote its device's copy of a table. A device that had no rows in the
     /// previous frame has no copy of that frame's tables, and receives one.
     fn need_table(&mut self, image: usize, consumer: NodeIndex, pass: u32) {
-        let device = self.dag[consumer].device;
-        let version = &self.versions[image][Eye::MAIN as usize];
+        let (device, main) = (self.dag[consumer].device, self.program.main_eye());
+        let version = &self.versions[image][main.index()];
         let held = version.owned.iter().chain(&version.copies).find(|h| h.device == device);
         match (held, version.owned.first().cloned()) {
             (Some(held), _) => {
@@ -279,8 +280,8 @@ impl<'a> Builder<'a> {
                 }
             }
             (None, Some(owner)) => {
-                let copy = self.transfer((image, Eye::MAIN), owner.rows.clone(), &owner, consumer, pass);
-                self.versions[image][Eye::MAIN as usize].copies.push(copy);
+                let copy = self.transfer((image, main), owner.rows.clone(), &owner, consumer, pass);
+                self.versions[image][main.index()].copies.push(copy);
             }
             (None, None) => {}
         }
@@ -290,7 +291,7 @@ impl<'a> Builder<'a> {
     /// transfers.
     fn need(&mut self, image: usize, view: Eye, rows: Range<u32>, consumer: NodeIndex, pass: u32) {
         let device = self.dag[consumer].device;
-        let mut version = std::mem::take(&mut self.versions[image][view as usize]);
+        let mut version = std::mem::take(&mut self.versions[image][view.index()]);
         let mut missing = vec![rows.clone()];
         let here = |h: &&Holding| h.device == device && overlap(&h.rows, &rows).is_some();
         for held in version.owned.iter().chain(&version.copies).filter(here) {
@@ -306,7 +307,7 @@ impl<'a> Builder<'a> {
                 }
             }
         }
-        self.versions[image][view as usize] = version;
+        self.versions[image][view.index()] = version;
     }
 
     fn transfer(
@@ -350,11 +351,11 @@ impl<'a> Builder<'a> {
     fn stitch(&mut self, pass: u32, primary: usize, is_read: impl Fn(&Resource) -> bool) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = self.program.extent.rows();
-        let task = Task { kind: TaskKind::Stitch, view: Eye::MAIN, device: primary, rows, key };
+        let task = Task { kind: TaskKind::Stitch, view: self.program.main_eye(), device: primary, rows, key };
         let node = self.dag.add_node(task);
         let is_read = |image: &usize| is_read(&self.program.images()[*image].resource);
         let outputs: Vec<usize> = self.program.outputs().filter(is_read).collect();
-        for view in Eye::ALL {
+        for &view in self.program.eyes() {
             for &image in &outputs {
                 let rows = self.program.images()[image].resource.extent(self.program.extent).rows();
                 self.need(image, view, rows, node, pass);

@@ -35,7 +35,8 @@ pub struct Assignment {
     primary: usize,
     /// Stripes of all groups and views without an entry in `own`.
     common: Stripes,
-    own: Vec<((Partition, Eye), Stripes)>,
+    /// Stripes of a group on one view or, without a view, on all others.
+    own: Vec<((Partition, Option<Eye>), Stripes)>,
 }
 
 impl Assignment {
@@ -57,8 +58,9 @@ impl Assignment {
         &self.common
     }
 
-    /// Returns the stripes that were set for individual groups and views. All others use [`Self::common()`].
-    pub fn own(&self) -> &[((Partition, Eye), Stripes)] {
+    /// Returns the stripes that were set for a group on a view or, without a view, on all others. All other groups use
+    /// [`Self::common()`].
+    pub fn own(&self) -> &[((Partition, Option<Eye>), Stripes)] {
         &self.own
     }
 
@@ -87,23 +89,22 @@ impl Assignment {
         Self { primary: devices.first().copied().unwrap_or(0), common, own }
     }
 
-    pub fn set(&mut self, group: Partition, view: Eye, stripes: Stripes) {
-        let key = (group, view);
-        match self.own.iter_mut().find(|(k, _)| *k == key) {
-            Some((_, own)) => *own = stripes,
-            None => self.own.push((key, stripes)),
-        }
+    /// Sets the stripes of a group on one view or, with `None`, on all views.
+    pub fn set(&mut self, group: Partition, view: impl Into<Option<Eye>>, stripes: Stripes) {
+        let view = view.into();
+        self.own.retain(|((g, v), _)| *g != group || (view.is_some() && *v != view));
+        self.own.push(((group, view), stripes));
     }
 
     /// Assigns all rows of a group to the primary.
     pub fn gather(&mut self, group: Partition) {
         let edge = |device: usize| if device <= self.primary { 0 } else { self.height() };
         let stripes = Stripes::from_edges(self.height(), &(1..self.devices()).map(edge).collect::<Vec<_>>());
-        Eye::ALL.into_iter().for_each(|view| self.set(group, view, stripes.clone()));
+        self.set(group, None, stripes);
     }
 
     pub fn stripes(&self, group: Partition, view: Eye) -> &Stripes {
-        let key = (group, view);
-        self.own.iter().find(|(k, _)| *k == key).map_or(&self.common, |(_, own)| own)
+        let of = |view| self.own.iter().find(move |(key, _)| *key == (group, view));
+        of(Some(view)).or_else(|| of(None)).map_or(&self.common, |(_, own)| own)
     }
 }

@@ -1,7 +1,7 @@
 //! The declaration of a pass: its shader, its bindings, and where it runs. Everything else is derived from it: bind
 //! groups and their order, images, transfers, history, units of cost, and names in reports.
 
-use super::resource::{Grid, Resource, Scope};
+use super::resource::{Grid, Life, Resource, Scope};
 use super::uses::Use;
 use crate::samples::Launch;
 use crate::scene::rig::Eye;
@@ -146,7 +146,7 @@ pub enum Chain {
 #[derive(Clone, Debug)]
 pub struct Pass {
     pub stage: Stage,
-    /// [`Eye::MAIN`] if [`Self::scope`] is [`Scope::Device`].
+    /// The view; if [`Self::scope`] is [`Scope::Device`], the main view of the frame.
     pub view: Eye,
     pub scope: Scope,
     /// Index among the repetitions of its stage, from 0.
@@ -188,7 +188,7 @@ impl Pass {
     /// Makes a pass that every device runs in full, with this number of workgroups along x, y and z.
     pub fn once(stage: Stage, partition: Partition, kernel: Kernel, workgroups: [u32; 3]) -> Self {
         let (dispatch, scope) = (Dispatch::Once(workgroups), Scope::Device);
-        Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::MAIN, partition, kernel) }
+        Self { scope, dispatch, work: Work::Once, ..Self::new(stage, Eye::LEFT, partition, kernel) }
     }
 
     pub fn uses(mut self, uses: impl IntoIterator<Item = Use>) -> Self {
@@ -245,11 +245,14 @@ impl Pass {
         Self { builds_from: Some(vertices), ..self }
     }
 
-    /// Returns the eye whose image a binding uses.
+    /// Returns the eye whose image a binding uses: the main one for what all views share, except constants of the pass's
+    /// view.
     pub fn eye_of(&self, used: &Use) -> Eye {
-        match used.image.resource.scope {
+        let Resource { scope, life, .. } = used.image.resource;
+        match scope {
             Scope::View => used.eye.unwrap_or(self.view),
-            Scope::Device => Eye::MAIN,
+            Scope::Device if life == Life::Input => self.view,
+            Scope::Device => self.view.main(),
         }
     }
 

@@ -14,6 +14,8 @@ use crate::scene::rig::Eye;
 pub struct Program {
     /// The extent of the frame.
     pub extent: Extent,
+    /// The views on which passes run, from left to right.
+    eyes: Vec<Eye>,
     passes: Vec<Linked>,
     /// The images that passes bind, without duplicates.
     images: Vec<Bound>,
@@ -75,7 +77,12 @@ impl Program {
     ///
     /// # Errors
     /// [`ProgramError`] if the declarations contradict one another.
-    pub fn new(extent: Extent, seam: Seam, passes: Vec<Pass>) -> Result<Self, ProgramError> {
+    pub fn new(extent: Extent, seam: Seam, mut passes: Vec<Pass>) -> Result<Self, ProgramError> {
+        let mut eyes: Vec<Eye> = passes.iter().filter(|p| p.scope == Scope::View).map(|p| p.view).collect();
+        eyes.sort_unstable();
+        eyes.dedup();
+        let main = eyes.first().copied().unwrap_or(Eye::LEFT).main();
+        passes.iter_mut().filter(|p| p.scope == Scope::Device).for_each(|p| p.view = main);
         check(&passes)?;
         let mut numbers: HashMap<Bound, usize> = HashMap::new();
         let mut images = Vec::new();
@@ -91,9 +98,24 @@ impl Program {
             Linked { pass, images, margin_rows: 0, link: None }
         };
         let mut passes: Vec<Linked> = passes.into_iter().map(link).collect();
-        Eye::ALL.into_iter().try_for_each(|view| add_margins(&mut passes, view, seam))?;
+        eyes.iter().try_for_each(|view| add_margins(&mut passes, *view, seam))?;
         let partition_sets = partition_sets(&passes);
-        Ok(Self { extent, passes, images, partition_sets })
+        Ok(Self { extent, eyes, passes, images, partition_sets })
+    }
+
+    /// Returns the views on which passes run, from left to right.
+    pub fn eyes(&self) -> &[Eye] {
+        &self.eyes
+    }
+
+    /// Returns the number of views of the rig, including those on which no pass runs.
+    pub fn views(&self) -> usize {
+        self.main_eye().views()
+    }
+
+    /// Returns the view whose images are those that all views share.
+    pub fn main_eye(&self) -> Eye {
+        self.eyes.first().copied().unwrap_or(Eye::LEFT).main()
     }
 
     /// Returns the passes in order.

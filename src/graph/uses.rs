@@ -151,7 +151,7 @@ impl Use {
 
     /// Sets the name of the shader's variable. The default is the name that `Resource::bound_as` sets, or else that of
     /// the resource, for example `hit`. For an image of the previous frame it is `last_hit`, and for that of a given
-    /// eye in either frame it is `left_hit` or `right_hit`.
+    /// eye in either frame it is `left_hit` if the eye is a source, and else `right_hit`.
     pub fn named(self, name: &'static str) -> Self {
         Self { name: Some(name), ..self }
     }

@@ -5,7 +5,7 @@ use openxr::{Session, Vulkan, sys};
 use super::chain::{Chain, Format, Images, offered};
 use super::error::HeadsetError;
 use crate::device::{GpuDevice, HeadsetDevice};
-use crate::exec::Stereo;
+use crate::exec::PerView;
 use crate::image::Extent;
 use crate::scene::optics::{Fov, HeadEyes};
 use crate::scene::rig::Eye;
@@ -85,7 +85,7 @@ impl Drawing {
     pub fn fill(
         &mut self,
         gpu: &GpuDevice,
-        pixels: &Stereo<Pixels>,
+        pixels: &PerView<Pixels>,
         eyes: &HeadEyes,
         metres_per_unit: f64,
     ) -> Result<(), HeadsetError> {
@@ -216,7 +216,7 @@ pub fn depth_info(images: &Images<'_>, eye: Eye) -> sys::CompositionLayerDepthIn
     sys::CompositionLayerDepthInfoKHR {
         ty: sys::CompositionLayerDepthInfoKHR::TYPE,
         next: std::ptr::null(),
-        sub_image: images.layer(eye as u32).into_raw(),
+        sub_image: images.layer(eye.index() as u32).into_raw(),
         min_depth: 0.0,
         max_depth: 1.0,
         near_z: f32::INFINITY,

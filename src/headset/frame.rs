@@ -7,7 +7,7 @@ use super::input::Input;
 use super::pacing::{between_ms, shown_at};
 use super::panel::Panel;
 use super::sample::HeadSample;
-use crate::exec::Stereo;
+use crate::exec::PerView;
 use crate::scene::head::HeadPose;
 use crate::scene::optics::HeadEyes;
 
@@ -68,9 +68,9 @@ impl HeadsetFrame {
 /// Images and panel to show in a frame.
 pub struct Picture<'a> {
     /// Colours of both eyes, four bytes per pixel, encoded for the screen.
-    pub images: Stereo<Pixels>,
+    pub images: PerView<Pixels>,
     /// Four floats per pixel, the first of which is the distance along the pixel's ray in scene units; 0 is the sky.
-    pub distances: Option<Stereo<Pixels>>,
+    pub distances: Option<PerView<Pixels>>,
     pub metres_per_unit: f64,
     pub panel: Option<&'a Panel>,
 }

@@ -53,7 +53,7 @@ pub fn head_eyes([left, right]: [&View; 2]) -> Option<HeadEyes> {
 
 /// Returns the pose and the field of view of an eye, given the pose of the head.
 pub fn eye_view(head: HeadPose, eyes: &HeadEyes, eye: Eye) -> (Posef, Fovf) {
-    let HeadEye { position_m, orientation, fov } = *[&eyes.left, &eyes.right][eye as usize];
+    let HeadEye { position_m, orientation, fov } = *[&eyes.left, &eyes.right][eye.index()];
     let own = HeadPose { position_m: position_m.into(), orientation: DQuat::from_array(orientation) };
     (posef(head.then(own)), fovf(fov))
 }
@@ -94,7 +94,7 @@ mod tests {
         let views = canted();
         let eyes = head_eyes([&views[0], &views[1]]).unwrap();
         assert!(eyes.rectified().is_ok());
-        for (eye, view) in Eye::ALL.into_iter().zip(&views) {
+        for (eye, view) in Eye::BOTH.into_iter().zip(&views) {
             let (pose, fov) = eye_view(HeadPose::default(), &eyes, eye);
             let numbers = |p: &Posef| {
                 let (Quaternionf { x, y, z, w }, at) = (p.orientation, p.position);
@@ -112,7 +112,7 @@ mod tests {
         let eyes = head_eyes([&views[0], &views[1]]).unwrap();
         let orientation = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
         let head = HeadPose { position_m: DVec3::new(1.0, 2.0, 3.0), orientation };
-        let [left, right] = Eye::ALL.map(|eye| eye_view(head, &eyes, eye).0.position);
+        let [left, right] = Eye::BOTH.map(|eye| eye_view(head, &eyes, eye).0.position);
         assert!((left.z - right.z - 0.06).abs() < 1e-6 && (left.x - right.x).abs() < 1e-6, "{left:?} {right:?}");
         assert!((left.y - 2.01).abs() < 1e-6 && (left.x - (1.0 - 0.02)).abs() < 1e-6, "{left:?}");
     }

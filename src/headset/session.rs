@@ -227,12 +227,13 @@ impl Headset {
         }
         let colour = self.colour.lock();
         let depth = self.depth.as_ref().filter(|_| has_depth).map(Drawing::lock);
-        let infos = depth.as_ref().map(|images| Eye::ALL.map(|eye| depth_info(images, eye)));
-        let views = Eye::ALL.map(|eye| {
+        let infos = depth.as_ref().map(|images| Eye::BOTH.map(|eye| depth_info(images, eye)));
+        let views = Eye::BOTH.map(|eye| {
             let (pose, fov) = eye_view(frame.head, &frame.eyes, eye);
-            let view = CompositionLayerProjectionView::new().pose(pose).fov(fov).sub_image(colour.layer(eye as u32));
+            let view =
+                CompositionLayerProjectionView::new().pose(pose).fov(fov).sub_image(colour.layer(eye.index() as u32));
             let Some(infos) = &infos else { return view };
-            let next = std::ptr::from_ref(&infos[eye as usize]).cast();
+            let next = std::ptr::from_ref(&infos[eye.index()]).cast();
             // SAFETY: everything that the view points to outlives the end of the frame, and its extension is enabled.
             unsafe {
                 CompositionLayerProjectionView::from_raw(sys::CompositionLayerProjectionView {

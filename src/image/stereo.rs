@@ -14,6 +14,18 @@ pub fn side_by_side<T: Clone>(left: &Image<T>, right: &Image<T>) -> Result<Image
     Ok(Image { extent: Extent::new(2 * width, height), pixels: pixels.cloned().collect() })
 }
 
+/// Puts the image of the leftmost view beside that of the rightmost one, if it is another; see [`side_by_side`].
+///
+/// # Errors
+/// [`ImageError::SizeMismatch`].
+pub fn outer<T: Clone>(views: &[Image<T>]) -> Result<Image<T>, ImageError> {
+    match views {
+        [only] => Ok(only.clone()),
+        [left, .., right] => side_by_side(left, right),
+        [] => Ok(Image { extent: Extent::new(0, 0), pixels: Vec::new() }),
+    }
+}
+
 /// Puts the left eye's image above the right eye's.
 ///
 /// # Errors

@@ -16,7 +16,7 @@ pub fn graph(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignme
 fn ragged(devices: usize) -> Assignment {
     let mut a = Assignment::uniform(Stripes::even(180, devices));
     for (i, group) in partitions().into_iter().enumerate() {
-        for (j, view) in Eye::ALL.into_iter().enumerate() {
+        for (j, view) in Eye::BOTH.into_iter().enumerate() {
             let weights: Vec<f64> = (0..devices).map(|d| 1.0 + ((d * 3 + i * 5 + j * 2) % 4) as f64).collect();
             a.set(group, view, Stripes::from_weights(180, &weights).unwrap());
         }
@@ -27,7 +27,7 @@ fn ragged(devices: usize) -> Assignment {
 /// Returns the same frame with a history, and the assignment of the previous frame.
 fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
     let mut before = ragged(spec.devices);
-    before.set(PARTITION, Eye::Left, Stripes::even(180, spec.devices));
+    before.set(PARTITION, Eye::LEFT, Stripes::even(180, spec.devices));
     (FrameSpec { filter: Some(Denoiser::SVGF), history_rows: Some(rows), ..spec }, before)
 }
 
@@ -41,7 +41,7 @@ pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
     let all = |image: usize| program.images()[image].resource.extent(program.extent).rows();
     let is_table = |image: usize| program.images()[image].resource.scope == Scope::Device;
     let last = program.images().iter().enumerate().filter(|(_, bound)| bound.is_before);
-    for ((image, bound), view) in last.flat_map(|last| Eye::ALL.map(|view| (last, view))) {
+    for ((image, bound), view) in last.flat_map(|last| Eye::BOTH.map(|view| (last, view))) {
         let (Some(before), Some(group)) = (before, program.writer(&bound.resource, view)) else { continue };
         newest.insert((image, view), 1);
         if bound.resource.scope == Scope::Device {
@@ -86,7 +86,7 @@ pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
                 }
             }
             TaskKind::Stitch => {
-                for (image, view) in program.outputs().flat_map(|image| Eye::ALL.map(|view| (image, view))) {
+                for (image, view) in program.outputs().flat_map(|image| Eye::BOTH.map(|view| (image, view))) {
                     for row in program.extent.rows() {
                         let has = held.get(&(image, view, graph.primary, row));
                         assert_eq!(has, newest.get(&(image, view)), "row {row} of the {view} eye");

@@ -50,7 +50,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         return frame;
     }
     motion::bring(spec, &mut frame);
-    for view in Eye::ALL {
+    for view in spec.eyes() {
         frame.add(gbuffer::pass(spec, view));
         motion::follow(spec, view, &mut frame);
         let is_traced = spec.source(view).is_none();
@@ -60,7 +60,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         };
         surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the denoiser", mask_compaction::pass(view));
         surfaces(&mut frame, is_traced, "the view is reprojected", path_trace::pass(spec, view));
-        if !view.is_main() {
+        if !view.is_source() {
             let why_not = "the view is path traced";
             surfaces(&mut frame, !is_traced, why_not, reproject::pass(spec, view));
             surfaces(&mut frame, !is_traced, why_not, path_trace::hole_fill(spec, view));
@@ -68,7 +68,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
     }
     let denoiser = denoise::of(spec.denoiser());
     let mut views: Vec<denoise::Denoised> = Vec::new();
-    for view in Eye::ALL {
+    for view in spec.eyes() {
         let source = spec.source(view).filter(|_| spec.takes_over_filtered_light());
         let source_light = source.and_then(|source| views.iter().find(|v| v.view == source)).map(|v| v.light.image());
         views.push(denoise::Denoised::new(denoiser, spec, view, source_light));

@@ -82,7 +82,7 @@ fn records(spec: &FrameSpec) -> Resource {
     if_used(spec, lanes.on(Grid::table(Size::FrameColumnsOver(RECORD_SEGMENT))))
 }
 
-/// Returns the bindings of passes that path trace a view. Paths of the right eye record nothing.
+/// Returns the bindings of passes that path trace a view. Paths of other views than the main one record nothing.
 pub fn uses(spec: &FrameSpec, view: Eye) -> [Use; 2] {
     let records = Use::write(records(spec));
     [read_table(spec), Use { is_cleared: spec.caches() && view.is_main(), ..records }]
@@ -105,7 +105,7 @@ pub fn passes(spec: &FrameSpec) -> [Pass; 2] {
             .uses([
                 read_table(spec),
                 Use::write_then_read(sums).cleared(),
-                Use::read(records).of(Eye::MAIN).reaching(Reach::All).named("records"),
+                Use::read(records).reaching(Reach::All).named("records"),
             ])
             .with([0, 1].map(|adds| SumArguments { adds, count })),
         of_device(RENEW).uses([read_table(spec), Use::read(sums).viewed_as::<UVec4>(), Use::write(table(spec))]),

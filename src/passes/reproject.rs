@@ -42,7 +42,7 @@ pub(super) fn reach(spec: &FrameSpec) -> u32 {
 
 /// Returns the binding of an image of the view from which `view` is reprojected.
 pub(super) fn of_source(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
-    Use::read(image).of(spec.source(view).unwrap_or(Eye::MAIN)).halo(spec.halo(reach(spec)))
+    Use::read(image).of(view.source()).halo(spec.halo(reach(spec)))
 }
 
 /// Returns the pass that replaces a view's light by the filtered light of its source, `source_light`, wherever both see

@@ -7,7 +7,7 @@ use crate::graph::{Grid, Resource, Size};
 use crate::image::Extent;
 
 /// Uniform buffer with the views (cameras) and sampling constants of the previous frame. The host writes it.
-pub const PREVIOUS: Resource = Resource::constants("previous frame", "Previous", 256).bound_as("previous");
+pub const PREVIOUS: Resource = Resource::constants("previous frame", "Previous", 288).bound_as("previous");
 
 /// Demodulated illumination. If specular radiance is filtered separately, diffuse and specular illumination, each
 /// demodulated by its own albedo.

@@ -7,12 +7,12 @@ use crate::image::Extent;
 use crate::projection::PolarSpace;
 use crate::scene::rig::Eye;
 
-/// How the two eyes are rendered.
+/// How the views are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Views {
-    /// Both eyes are path traced.
+    /// Each view is path traced.
     Traced,
-    /// The left eye is path traced, the right one is reprojected from it, and its holes are path traced.
+    /// Sources are path traced, the other views are reprojected from the nearest one, and their holes are path traced.
     Reprojected,
 }
 
@@ -78,8 +78,12 @@ pub struct FrameSpec {
     /// The steps from the traced image to the displayed one.
     pub chain: ImageChain,
     pub devices: usize,
+    /// Number of views. Two are the eyes.
+    pub view_count: usize,
+    /// Number of views from which others are reprojected, an odd one.
+    pub sources: usize,
     pub views: Views,
-    /// True if the right eye takes over the left eye's light after the filter instead of before, if the denoiser can.
+    /// True if reprojected views take over their source's light after the filter instead of before, if the denoiser can.
     pub filter_once: bool,
     /// Number of the first iterations of `atrous` that ignore differences in radiance.
     pub blind_iterations: u32,
@@ -111,6 +115,8 @@ impl FrameSpec {
             extent,
             chain: ImageChain::direct(extent),
             devices,
+            view_count: 2,
+            sources: 1,
             views: Views::Reprojected,
             filter_once: true,
             blind_iterations: 3,
@@ -137,15 +143,21 @@ impl FrameSpec {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
     }
 
+    /// Returns the views, sources first.
+    pub fn eyes(&self) -> impl Iterator<Item = Eye> {
+        let all = Eye::of_rig(self.view_count).map(|eye| eye.among(self.sources));
+        all.clone().filter(|eye| eye.is_source()).chain(all.filter(|eye| !eye.is_source()))
+    }
+
     /// Returns the view from which a view is reprojected; `None` if it is path traced.
     pub fn source(&self, view: Eye) -> Option<Eye> {
-        (self.views == Views::Reprojected && !view.is_main()).then_some(Eye::MAIN)
+        (self.views == Views::Reprojected && !view.is_source()).then_some(view.source())
     }
 
     /// Returns true if reprojected views take over the filtered light of their source.
     pub fn takes_over_filtered_light(&self) -> bool {
         let can = self.denoiser().is_some_and(|denoiser| denoiser.method().leaves_finished_light());
-        self.filter_once && self.views == Views::Reprojected && can
+        self.filter_once && self.views == Views::Reprojected && self.view_count > self.sources && can
     }
 
     /// Returns the number of rows that a filter with a reach of `rows` rows reads from each neighbouring stripe:

@@ -79,7 +79,7 @@ fn unneeded_passes_are_omitted_with_a_reason() {
     let empty = FrameSpec { has_surfaces: false, aovs: Vec::new(), ..full };
     assert_eq!(stages(&empty), ["gbuffer", "tonemap", "tally"]);
     let why = declare(&empty).left_out;
-    assert!(why.contains(&(path_trace::STAGE, Eye::Left, "the scene has no surfaces")), "{why:?}");
+    assert!(why.contains(&(path_trace::STAGE, Eye::LEFT, "the scene has no surfaces")), "{why:?}");
 }
 
 /// Checks that the right eye takes over filtered light only where it is reprojected and the filter leaves it alone.
@@ -124,7 +124,7 @@ fn motion_passes_exist_only_in_dynamic_scenes() {
     assert_eq!(passes(&still), [""; 0]);
     let why = declare(&still).left_out;
     for stage in ["skin", "refit", "motion"] {
-        assert!(why.contains(&(Stage(stage), Eye::Left, "nothing in the scene moves")), "{why:?}");
+        assert!(why.contains(&(Stage(stage), Eye::LEFT, "nothing in the scene moves")), "{why:?}");
     }
     let rigid = FrameSpec { moving: Some(Moving::default()), ..still.clone() };
     assert_eq!(passes(&rigid), ["motion", "motion", "gradient", "gradient_smooth"]);
@@ -188,7 +188,7 @@ fn late_reprojection_comes_last() {
     let (first, last) = passes.split_at(passes.len() - 4);
     let names: Vec<_> = last.iter().map(|pass| (pass.stage.name(), pass.view)).collect();
     let of = |view| [("to_later_eye", view), ("aov_to_later_eye", view)];
-    assert_eq!(names, [of(Eye::Left), of(Eye::Right)].concat());
+    assert_eq!(names, [of(Eye::LEFT), of(Eye::RIGHT)].concat());
     assert!(
         first.iter().all(|pass| pass.partition != LATE_PARTITION)
             && last.iter().all(|pass| pass.partition == LATE_PARTITION)

@@ -124,6 +124,7 @@ pub struct Launched {
 shared_structs! {
     /// Constants of a dispatch.
     pub struct PassConstants {
+        /// 0 in a source, and 1 in each other view.
         pub view: u32,
         /// The rows to compute: the first, and the one after the last.
         pub row_begin: u32,

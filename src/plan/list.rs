@@ -88,8 +88,8 @@ pub struct Builder {
     asks: bool,
 }
 
-/// Maximum number of timed dispatches in a frame.
-pub const MOST_TIMED: usize = 256;
+/// Maximum number of timed dispatches in a frame: WebGPU allows 4096 timestamps.
+pub const MOST_TIMED: usize = 2048;
 
 impl Builder {
     pub fn new(ticket: u64) -> Self {
@@ -326,7 +326,7 @@ pub fn launched(
             // Kernels that change the scene do nothing if their arguments are 0.
             let is_idle = part.is_empty() && pass.kernel.scene == SceneUse::Write;
             let constants = PassConstants {
-                view: pass.view as u32,
+                view: (!pass.view.is_source()).into(),
                 row_begin: part.start,
                 row_end: part.end,
                 valid_begin: valid.start,

@@ -26,7 +26,7 @@ const EXTENT: Extent = Extent::new(48, 40);
 /// Returns rows of some image that a task moves.
 pub fn rows(task: usize) -> Rows {
     let bound = crate::graph::Bound { resource: LINEAR, buffer: 0, is_before: false };
-    Rows { task, image: EyeImage { bound, eye: Eye::Left }, rows: 0..1 }
+    Rows { task, image: EyeImage { bound, eye: Eye::LEFT }, rows: 0..1 }
 }
 
 fn dispatch(pass: usize) -> Command {

@@ -28,6 +28,11 @@ shared_structs! {
         pub gaze_x: f32,
         pub gaze_right: Vec3,
         pub gaze_y: f32,
+        /// Tangent of the angle by which the middle of an off-axis image is to the right of `forward`.
+        pub shift_x: f32,
+        pub pad0: u32,
+        pub pad1: u32,
+        pub pad2: u32,
     }
 }
 
@@ -40,6 +45,7 @@ impl View {
             tan_half_y: view.tan_half_yfov,
             up: view.up,
             forward: view.forward,
+            shift_x: view.shift_x,
             ..Self::default()
         }
     }

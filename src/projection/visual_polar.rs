@@ -182,7 +182,14 @@ mod tests {
     fn visual_polar_densities_add_up_to_screen_pixels() {
         let screen = Extent::new(96, 90);
         for tan_half_yfov in [0.8, 0.1, 0.02] {
-            let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov };
+            let eye = rig::View {
+                origin: Vec3::ZERO,
+                right: Vec3::X,
+                up: Vec3::Y,
+                forward: -Vec3::Z,
+                tan_half_yfov,
+                shift_x: 0.0,
+            };
             let places = PolarSpace::Visual.places([0.5; 2], &eye, screen);
             let (grid, seen) = (VisualPolar.grid(screen), PolarSpace::Visual.seen([0.5; 2], &eye, screen));
             // Rows within the circle that touches the upper and the lower side of the screen.

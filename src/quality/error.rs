@@ -12,6 +12,10 @@ pub enum SettingError {
     PolarWithFovea,
     #[error("a render scale below 1 needs a denoiser to fill in the pixels that are not traced")]
     ScaleWithoutDenoiser,
+    #[error("{0} sources have none in the middle: give an odd number")]
+    EvenSources(usize),
+    #[error("{what} needs two views, the eyes")]
+    NeedsTwoViews { what: &'static str },
     /// The quality of a frame is outside the [`Envelope`](super::Envelope) of its renderer.
     #[error("the renderer was not built for {0}")]
     OutsideEnvelope(String),

@@ -29,7 +29,9 @@ pub enum Look {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Overrides {
     pub yfov_rad: Option<f64>,
+    pub views: Option<usize>,
     pub baseline_m: Option<f64>,
+    pub convergence_m: Option<f64>,
     pub metres_per_unit: Option<f64>,
     pub exposure: Option<Exposure>,
     /// Index of a camera in the scene file.
@@ -138,6 +140,8 @@ fn rig(
     rig.metres_per_unit = metres_per_unit;
     rig.yfov_rad = yfov_rad.unwrap_or(rig.yfov_rad);
     rig.baseline_m = overrides.baseline_m.or(draft.baseline_m).unwrap_or(rig.baseline_m);
+    rig.views = overrides.views.or(draft.views).unwrap_or(rig.views);
+    rig.convergence_m = overrides.convergence_m.or(draft.convergence_m);
     if !fits_f32(rig.baseline_m / metres_per_unit) {
         let what = "it is too large a number in the scene's units".to_owned();
         return Err(SceneError::Setting { setting: Setting::Baseline, what });

@@ -96,10 +96,7 @@ impl HeadEye {
 
 impl HeadEyes {
     fn of(&self, eye: Eye) -> &HeadEye {
-        match eye {
-            Eye::Left => &self.left,
-            Eye::Right => &self.right,
-        }
+        if eye == Eye::LEFT { &self.left } else { &self.right }
     }
 
     /// Returns the rectified frame that both eyes share. Its x axis is the baseline, and its pitch makes the vertical
@@ -109,10 +106,10 @@ impl HeadEyes {
     /// A message, if an eye is invalid, the right eye is not to the right of the left one, or the eyes' fields of view
     /// diverge too far.
     pub fn rectified(&self) -> Result<Rectified, String> {
-        if let Some((eye, fault)) = Eye::ALL.iter().find_map(|eye| Some((eye, self.of(*eye).fault()?))) {
+        if let Some((eye, fault)) = Eye::BOTH.iter().find_map(|eye| Some((eye, self.of(*eye).fault()?))) {
             return Err(format!("the {eye} eye: {fault}"));
         }
-        let [left, right] = Eye::ALL.map(|eye| DVec3::from(self.of(eye).position_m));
+        let [left, right] = Eye::BOTH.map(|eye| DVec3::from(self.of(eye).position_m));
         let apart = right - left;
         let across = apart.try_normalize().unwrap_or(DVec3::X);
         if across.x < LEAST_COS_RIGHT {
@@ -121,7 +118,7 @@ impl HeadEyes {
         // The frame's x axis is the baseline; y and z have an arbitrary pitch around it.
         let ahead = (DVec3::NEG_Z - across * across.dot(DVec3::NEG_Z)).normalize();
         let around = DMat3::from_cols(across, across.cross(ahead), ahead);
-        let corners = || Eye::ALL.into_iter().flat_map(|eye| self.of(eye).corners().map(|c| around.transpose() * c));
+        let corners = || Eye::BOTH.into_iter().flat_map(|eye| self.of(eye).corners().map(|c| around.transpose() * c));
         let elevations = corners().map(|c| c.y.atan2(c.z));
         let [low, high] =
             [elevations.clone().fold(f64::INFINITY, f64::min), elevations.fold(f64::NEG_INFINITY, f64::max)];
@@ -145,7 +142,7 @@ impl HeadEyes {
             Lens { axes: axes.transpose() * own, tan }
         };
         Ok(Rectified {
-            optics: Optics { lenses: Eye::ALL.map(lens), tan_half: [tan_x, half.tan()] },
+            optics: Optics { lenses: Eye::BOTH.map(lens), tan_half: [tan_x, half.tan()] },
             position_m: (left + right) / 2.0,
             orientation: DQuat::from_mat3(&DMat3::from_cols(axes.x_axis, axes.y_axis, -axes.z_axis)).normalize(),
             baseline_m: apart.length(),
@@ -269,7 +266,7 @@ impl Optics {
     /// of its rectified image, both from the top left. The pixel is (x / z, y / z). z is the depth, along the rig's
     /// forward vector, of the point at depth 1 along the eye's axis.
     pub fn homography(&self, eye: Eye, size: Extent, grid: Extent) -> DMat3 {
-        self.rectified_points(grid) * self.lenses[eye as usize].rays(size)
+        self.rectified_points(grid) * self.lenses[eye.index()].rays(size)
     }
 
     /// Maps a point of an eye's image to the rectified image, both in pixels from the top left. Also returns the scale

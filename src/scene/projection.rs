@@ -26,8 +26,11 @@ impl Rig {
         let tan_y = (self.yfov_rad / 2.0).tan();
         let tan_x = tan_y * f64::from(extent.width) / f64::from(extent.height);
         let (turned, Fov { left, right, up, down }) = match &self.optics {
-            None => (DMat3::IDENTITY, Fov { left: -tan_x, right: tan_x, up: tan_y, down: -tan_y }),
-            Some(optics) => (optics.lenses[eye as usize].axes, optics.lenses[eye as usize].tan),
+            None => {
+                let shift = self.shift_x(eye);
+                (DMat3::IDENTITY, Fov { left: shift - tan_x, right: shift + tan_x, up: tan_y, down: -tan_y })
+            }
+            Some(optics) => (optics.lenses[eye.index()].axes, optics.lenses[eye.index()].tan),
         };
         let own = DMat3::from_cols_array_2d(&axes.map(Into::into)) * turned;
         let [x, y, z] = [own.x_axis, own.y_axis, own.z_axis].map(|axis| axis.extend(-axis.dot(origin)));
@@ -39,7 +42,7 @@ impl Rig {
         }
     }
 
-    /// Returns the distance between the eyes in scene units.
+    /// Returns the distance of neighbouring views in scene units.
     pub fn baseline_units(&self) -> f64 {
         self.baseline_m / self.metres_per_unit
     }
@@ -75,7 +78,7 @@ mod tests {
     #[test]
     fn matrices_project_ray_points_to_their_pixel() {
         let (rig, extent) = (rig(), Extent::new(64, 36));
-        for eye in Eye::ALL {
+        for eye in Eye::BOTH {
             let view = rig.view(0.7, eye);
             let matrices = rig.matrices(0.7, eye, extent);
             for (x, y, distance) in [(0.0, 0.0, 3.0), (64.0, 36.0, 0.5), (10.25, 30.5, 80.0), (32.0, 18.0, 1.0)] {

@@ -1,7 +1,7 @@
-//! The stereo rig: a path of keys for the point between the eyes, and each eye's view at a time.
+//! The rig: a path of keys for the middle of its views, and each view at a time.
 //!
-//! Both eyes share one orientation and one projection, each half a baseline away along the rig's right vector, so a
-//! surface point lies on the same image row in both.
+//! All views share one orientation and, but for a shift to the side, one projection. Neighbours are a baseline apart along
+//! the rig's right vector, so a surface point lies on the same image row in all. Two views are the eyes.
 
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
@@ -20,7 +20,7 @@ pub const DEFAULT_YFOV_DEG: f64 = 70.0;
 /// Smallest sine of the angle between the view vector and up that still defines an orientation.
 const MIN_SIN_VIEW_UP: f64 = 1e-6;
 
-/// Pose of the point between the eyes at one time, in scene units.
+/// Pose of the middle of the views at one time, in scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RigKey {
     pub time_s: f64,
@@ -90,7 +90,12 @@ pub enum Turning {
 pub struct Rig {
     /// Vertical field of view of each eye, above 0 and below π.
     pub yfov_rad: f64,
+    /// Number of views, at most [`Eye::MOST_VIEWS`].
+    pub views: usize,
+    /// Distance of neighbouring views.
     pub baseline_m: f64,
+    /// Distance in front of the rig at which the images of all views show the same points; `None` if it is infinite.
+    pub convergence_m: Option<f64>,
     pub metres_per_unit: f64,
     /// Keys, at least one, at strictly increasing times.
     pub keys: Vec<RigKey>,
@@ -100,7 +105,7 @@ pub struct Rig {
     pub optics: Option<Optics>,
 }
 
-/// Pinhole camera of one eye. `right`, `up` and `forward` are orthonormal, `up = cross(right, forward)`.
+/// Pinhole camera of one view. `right`, `up` and `forward` are orthonormal, `up = cross(right, forward)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub origin: Vec3,
@@ -108,6 +113,8 @@ pub struct View {
     pub up: Vec3,
     pub forward: Vec3,
     pub tan_half_yfov: f32,
+    /// Tangent of the angle by which the middle of the image is to the right of `forward`.
+    pub shift_x: f32,
 }
 
 impl View {
@@ -116,7 +123,8 @@ impl View {
     pub fn ray_direction(&self, x: f64, y: f64, extent: Extent) -> DVec3 {
         let half_height = f64::from(extent.height) / 2.0;
         let per_pixel = f64::from(self.tan_half_yfov) / half_height;
-        let right = self.right.as_dvec3() * ((x - f64::from(extent.width) / 2.0) * per_pixel);
+        let across = (x - f64::from(extent.width) / 2.0) * per_pixel + f64::from(self.shift_x);
+        let right = self.right.as_dvec3() * across;
         let up = self.up.as_dvec3() * ((half_height - y) * per_pixel);
         (self.forward.as_dvec3() + right + up).normalize()
     }
@@ -127,7 +135,9 @@ impl Rig {
     pub fn of_keys(keys: Vec<RigKey>) -> Rig {
         Rig {
             yfov_rad: DEFAULT_YFOV_DEG.to_radians(),
+            views: 2,
             baseline_m: DEFAULT_BASELINE_M,
+            convergence_m: None,
             metres_per_unit: 1.0,
             keys,
             turning: Turning::Linear,
@@ -144,7 +154,18 @@ impl Rig {
             up: up.as_vec3(),
             forward: forward.as_vec3(),
             tan_half_yfov: (self.yfov_rad / 2.0).tan() as f32,
+            shift_x: self.shift_x(eye) as f32,
         }
+    }
+
+    /// Returns the views, from left to right.
+    pub fn eyes(&self) -> impl DoubleEndedIterator<Item = Eye> + ExactSizeIterator + Clone {
+        Eye::of_rig(self.views)
+    }
+
+    /// Returns [`View::shift_x`] of a view.
+    pub(super) fn shift_x(&self, eye: Eye) -> f64 {
+        self.convergence_m.map_or(0.0, |distance_m| -eye.offset() * self.baseline_m / distance_m)
     }
 
     /// Returns a static rig with the pose at `time_s`.
@@ -162,7 +183,7 @@ impl Rig {
     pub(super) fn pose(&self, time_s: f64, eye: Eye) -> (DVec3, [DVec3; 3]) {
         let key = self.key_at(time_s);
         let axes = key.axes();
-        (key.position + axes[0] * (eye.side() * self.baseline_units() / 2.0), axes)
+        (key.position + axes[0] * (eye.offset() * self.baseline_units()), axes)
     }
 
     /// Returns the pose of the point between the eyes at `time_s`.

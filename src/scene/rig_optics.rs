@@ -30,6 +30,6 @@ impl Optics {
         let rendered_from_world = DMat3::from_cols(before[0], before[1], before[2]).transpose();
         let turned = rendered_from_world * DMat3::from_cols(now[0], now[1], now[2]);
         let points = self.rectified_points(grid);
-        (points * turned * self.lenses[eye as usize].rays(size), points * (rendered_from_world * (to - from)))
+        (points * turned * self.lenses[eye.index()].rays(size), points * (rendered_from_world * (to - from)))
     }
 }

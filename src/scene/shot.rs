@@ -115,7 +115,9 @@ pub const EXPOSURE_EV: RangeInclusive<f64> = -24.0..=24.0;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PartialRig {
     pub yfov_rad: Option<f64>,
+    pub views: Option<usize>,
     pub baseline_m: Option<f64>,
+    pub convergence_m: Option<f64>,
     pub metres_per_unit: Option<f64>,
     /// Keys as in a [`Rig`]; may be empty.
     pub keys: Vec<RigKey>,
@@ -197,7 +199,9 @@ impl Draft {
             loops: self.loops.or(other.loops),
             rig: PartialRig {
                 yfov_rad: self.rig.yfov_rad.or(other.rig.yfov_rad),
+                views: self.rig.views.or(other.rig.views),
                 baseline_m: self.rig.baseline_m.or(other.rig.baseline_m),
+                convergence_m: self.rig.convergence_m.or(other.rig.convergence_m),
                 metres_per_unit: self.rig.metres_per_unit.or(other.rig.metres_per_unit),
                 keys: if self.rig.keys.is_empty() { other.rig.keys } else { self.rig.keys },
             },

@@ -4,7 +4,6 @@
 use super::cost::CostModel;
 use super::cost::stripes::StripeCosts;
 use crate::graph::{Assignment, Stripes};
-use crate::scene::rig::Eye;
 
 /// Returns the maximum number of rows by which an edge moves from one frame to the next: a sixteenth of the frame.
 ///
@@ -76,8 +75,8 @@ fn most_expensive_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
 /// Current stripes of each partition set; their edges move from frame to frame. A partition set consists of groups of
 /// passes that use the same stripes ([`crate::graph::Program::partition_sets`]).
 ///
-/// Both eyes share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
-/// stripes for the right eye would not improve the balance of both eyes' sum. Without a filter, a row has one owner in
+/// All views share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
+/// stripes for a view would not improve the balance of the sum of all. Without a filter, a row has one owner in
 /// all passes.
 pub struct MovingStripes {
     height: u32,
@@ -110,11 +109,7 @@ impl MovingStripes {
                     *stripes = step(stripes, &target);
                 }
             }
-            for &group in set {
-                for view in Eye::ALL {
-                    assignment.set(group, view, stripes.clone());
-                }
-            }
+            set.iter().for_each(|&group| assignment.set(group, None, stripes.clone()));
         }
         assignment
     }

@@ -36,7 +36,7 @@ pub struct CostModel {
     devices: Vec<DeviceCost>,
     /// Prefix sums of rays over rows, for each eye: `height + 1` entries, divided by the relative cost of the frame in
     /// which the rays were counted.
-    rays_above: [Vec<f64>; 2],
+    rays_above: Vec<Vec<f64>>,
     tail: Mean,
     frames: u32,
     /// Network between devices of different ranks.
@@ -91,7 +91,7 @@ impl CostModel {
             idle_rays: Vec::new(),
             relative_cost: RelativeCost::default(),
             devices: vec![DeviceCost::default(); devices],
-            rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
+            rays_above: vec![vec![0.0; height + 1]; program.views()],
             tail: Mean::default(),
             frames: 0,
             network: Network::default(),
@@ -146,9 +146,9 @@ impl CostModel {
     }
 
     pub fn learn(&mut self, costs: &FrameCosts) {
-        for (eye, rays) in Eye::ALL.into_iter().zip(&costs.rays) {
+        for (eye, rays) in Eye::of_rig(self.program.views()).zip(&costs.rays) {
             let relative_cost = self.traces(eye).map_or(1.0, |stage| costs.relative_cost.of(stage));
-            sum_rows(&mut self.rays_above[eye as usize], rays, self.program.extent.width, relative_cost);
+            sum_rows(&mut self.rays_above[eye.index()], rays, self.program.extent.width, relative_cost);
         }
         self.learn_stages(costs);
         self.learn_transfers(&costs.transfers);
@@ -286,7 +286,7 @@ impl CostModel {
             Work::Once => 1.0,
             Work::Rows => f64::from(rows.end - rows.start),
             Work::Rays => {
-                let above = &self.rays_above[view as usize];
+                let above = &self.rays_above[view.index()];
                 above[rows.end as usize] - above[rows.start as usize]
             }
         }

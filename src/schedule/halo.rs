@@ -23,6 +23,8 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
 /// Mean cost per device of every run, that is, every sequence of consecutive filter passes. A halo plan divides the
 /// filter's passes into runs.
 struct HaloCosts {
+    /// Number of views.
+    views: usize,
     /// Runs by the index of their first pass, then by length, shortest first.
     runs: Vec<Vec<Run>>,
     link: Link,
@@ -34,10 +36,10 @@ struct Run {
     /// for them. It excludes the transfer of the images in `kept_bytes`.
     ms: f64,
     /// Number of rows received on each side of a stripe, for each view.
-    halo_rows: [u32; 2],
+    halo_rows: Vec<u32>,
     /// Bytes per row of the images whose halo rows stay valid for later runs, since several passes of the filter read
     /// them and none writes them; for each view.
-    kept_bytes: [u64; 2],
+    kept_bytes: Vec<u64>,
 }
 
 /// Transfer costs between a device and its neighbours.
@@ -82,8 +84,8 @@ impl Link {
         }
     }
 
-    fn run(&self, views: &[Vec<FilterPass>; 2], range: Range<usize>) -> Run {
-        let mut run = Run { ms: 0.0, halo_rows: [0; 2], kept_bytes: [0; 2] };
+    fn run(&self, views: &[Vec<FilterPass>], range: Range<usize>) -> Run {
+        let mut run = Run { ms: 0.0, halo_rows: vec![0; views.len()], kept_bytes: vec![0; views.len()] };
         for (view, passes) in views.iter().enumerate() {
             let passes = &passes[range.start.min(passes.len())..range.end.min(passes.len())];
             let Some(first) = passes.first() else { continue };
@@ -110,27 +112,27 @@ impl HaloCosts {
         Self::new(Link::of(model), &filter_passes(model.program(), ms_per_row))
     }
 
-    fn new(link: Link, views: &[Vec<FilterPass>; 2]) -> Self {
+    fn new(link: Link, views: &[Vec<FilterPass>]) -> Self {
         let passes = views.iter().map(Vec::len).max().unwrap_or(0);
         let runs_at = |begin| (begin..passes).map(|last| link.run(views, begin..last + 1)).collect();
-        Self { runs: (0..passes).map(runs_at).collect(), link }
+        Self { views: views.len(), runs: (0..passes).map(runs_at).collect(), link }
     }
 
     /// Returns the cost of a run, and, for each view, the number of halo rows of unchanged images that a device holds
     /// after the run. `kept_rows` is this number before the run; these rows are not transferred again.
-    fn after(&self, kept_rows: [u32; 2], run: &Run) -> (f64, [u32; 2]) {
-        let (mut ms, mut rows) = (run.ms, kept_rows);
-        for ((rows, halo), bytes) in rows.iter_mut().zip(run.halo_rows).zip(run.kept_bytes) {
-            ms += self.link.transfer_ms(halo.saturating_sub(*rows), bytes);
-            *rows = halo.max(*rows);
+    fn after(&self, kept_rows: &[u32], run: &Run) -> (f64, Vec<u32>) {
+        let (mut ms, mut rows) = (run.ms, kept_rows.to_vec());
+        for ((rows, halo), bytes) in rows.iter_mut().zip(&run.halo_rows).zip(&run.kept_bytes) {
+            ms += self.link.transfer_ms(halo.saturating_sub(*rows), *bytes);
+            *rows = *halo.max(rows);
         }
         (ms, rows)
     }
 
     fn ms(&self, plan: HaloPlan) -> f64 {
-        let (mut sum_ms, mut rows) = (0.0, [0; 2]);
+        let (mut sum_ms, mut rows) = (0.0, vec![0; self.views]);
         for range in plan.runs(self.runs.len()) {
-            let (ms, after) = self.after(rows, &self.runs[range.start][range.len() - 1]);
+            let (ms, after) = self.after(&rows, &self.runs[range.start][range.len() - 1]);
             (sum_ms, rows) = (sum_ms + ms, after);
         }
         sum_ms
@@ -140,13 +142,13 @@ impl HaloCosts {
     /// together, until they cost more than the best plan so far.
     fn cheapest(&self) -> (HaloPlan, f64) {
         let mut best = (HaloPlan::RECOMPUTE, f64::INFINITY);
-        self.extend(HaloPlan::RECOMPUTE, 0, 0.0, [0; 2], &mut best);
+        self.extend(HaloPlan::RECOMPUTE, 0, 0.0, &vec![0; self.views], &mut best);
         best
     }
 
     /// Tries all completions of a plan that is fixed up to pass `begin` and costs `ms` so far. Updates `best` with each
     /// cheaper plan.
-    fn extend(&self, plan: HaloPlan, begin: usize, ms: f64, kept_rows: [u32; 2], best: &mut (HaloPlan, f64)) {
+    fn extend(&self, plan: HaloPlan, begin: usize, ms: f64, kept_rows: &[u32], best: &mut (HaloPlan, f64)) {
         if ms >= best.1 {
             return;
         }
@@ -157,7 +159,7 @@ impl HaloCosts {
         let plan = plan.receiving_before(begin);
         for (end, run) in (begin + 1..).zip(runs) {
             let (run_ms, rows) = self.after(kept_rows, run);
-            self.extend(plan, end, ms + run_ms, rows, best);
+            self.extend(plan, end, ms + run_ms, &rows, best);
         }
     }
 }
@@ -167,9 +169,9 @@ fn mean(devices: usize, of: impl Fn(usize) -> f64) -> f64 {
 }
 
 /// Returns the filter's passes on each view. `ms_per_row` returns the cost of a row.
-fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<FilterPass>; 2] {
+fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> Vec<Vec<FilterPass>> {
     let links = || program.passes().iter().filter(|p| p.link.is_some());
-    let mut views = [Vec::new(), Vec::new()];
+    let mut views: Vec<Vec<FilterPass>> = Eye::of_rig(program.views()).map(|_| Vec::new()).collect();
     for linked in links() {
         let pass = &linked.pass;
         // An image that several passes read and none of them writes is received once.
@@ -185,9 +187,9 @@ fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<F
         }
         let ms_per_row = ms_per_row(pass);
         let reach_rows = pass.halo_rows();
-        views[pass.view as usize].push(FilterPass { reach_rows, after_rows: 0, ms_per_row, kept_bytes, new_bytes });
+        views[pass.view.index()].push(FilterPass { reach_rows, after_rows: 0, ms_per_row, kept_bytes, new_bytes });
     }
-    for (view, passes) in Eye::ALL.into_iter().zip(&mut views) {
+    for (view, passes) in Eye::of_rig(program.views()).zip(&mut views) {
         let after = program.passes().iter().map(|p| &p.pass).filter(|p| p.view == view && p.chain == Chain::Margin);
         if let Some(last) = passes.last_mut() {
             last.after_rows = after.map(Pass::halo_rows).sum();
@@ -228,7 +230,7 @@ mod tests {
                     let run = &costs.runs[range.start][range.len() - 1];
                     let first = |eye| passes().find(|p| p.link == Some(range.start) && p.pass.view == eye);
                     let halo_rows = |p: &Linked| p.margin_rows + p.pass.halo_rows();
-                    assert_eq!(run.halo_rows.map(Some), Eye::ALL.map(|eye| first(eye).map(halo_rows)), "{plan:?}");
+                    assert_eq!(run.halo_rows, Eye::BOTH.map(|eye| first(eye).map_or(0, halo_rows)), "{plan:?}");
                 }
             }
         }
@@ -242,7 +244,8 @@ mod tests {
             for exponent in -12..4 {
                 let ms = 2f64.powi(exponent);
                 let link = Link { sides: 1.5, transfer_ms: [ms, 1e-6 * ms], wait_ms: 0.5 * ms };
-                let costs = HaloCosts::new(link, &filter_passes(&program, |p| 1e-3 * f64::from(1 + p.view as u32)));
+                let costs =
+                    HaloCosts::new(link, &filter_passes(&program, |p| 1e-3 * f64::from(1 + p.view.index() as u32)));
                 let (best, best_ms) = costs.cheapest();
                 let least_ms = HaloPlan::all(6).map(|p| costs.ms(p)).fold(f64::INFINITY, f64::min);
                 assert!((costs.ms(best) - least_ms).abs() <= 1e-9 * least_ms, "{best:?} at {ms}");

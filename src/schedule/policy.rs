@@ -103,8 +103,8 @@ fn parse_group(name: &str) -> Result<Partition, String> {
 fn parse_view(name: &str) -> Result<Option<Eye>, String> {
     match name {
         "" => Ok(None),
-        "left" => Ok(Some(Eye::Left)),
-        "right" => Ok(Some(Eye::Right)),
+        "left" => Ok(Some(Eye::LEFT)),
+        "right" => Ok(Some(Eye::RIGHT)),
         other => Err(format!("'{other}' is no view: choose left or right")),
     }
 }
@@ -127,9 +127,7 @@ impl Static {
             }
             let stripes = Stripes::from_weights(height, &rule.ratios)?;
             for group in groups.iter().copied().filter(|g| rule.group.is_none_or(|r| r == *g)) {
-                for view in Eye::ALL.into_iter().filter(|v| rule.view.is_none_or(|r| r == *v)) {
-                    assignment.set(group, view, stripes.clone());
-                }
+                assignment.set(group, rule.view, stripes.clone());
             }
         }
         Ok(Self { height, devices, rules: rules.to_vec(), assignment })

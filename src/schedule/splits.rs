@@ -253,7 +253,7 @@ mod tests {
         };
         let stages = (0..devices).flat_map(|d| graph.tasks_of(d).iter().filter_map(move |task| stage(d, task)));
         let rays = [0, 1].map(|_| vec![20 * EXTENT.width; EXTENT.height as usize]);
-        model.learn(&FrameCosts { stages: stages.collect(), rays, ..Default::default() });
+        model.learn(&FrameCosts { stages: stages.collect(), rays: rays.to_vec(), ..Default::default() });
         model
     }
 

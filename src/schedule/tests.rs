@@ -60,7 +60,7 @@ impl World {
         let ms: f64 = match pass.stage.name() {
             "path_trace" | "hole_fill" => {
                 let row_ms = |y: u32| {
-                    let paths = f64::from(self.rays[pass.view as usize][y as usize] - WIDTH);
+                    let paths = f64::from(self.rays[pass.view.index()][y as usize] - WIDTH);
                     (paths + f64::from(WIDTH) * self.idle_rays) * self.ms_per_ray[y as usize]
                 };
                 rows.clone().map(row_ms).sum()
@@ -74,7 +74,7 @@ impl World {
 
     /// Returns the costs of a frame of this graph on these devices.
     fn costs(&self, graph: &FrameGraph) -> FrameCosts {
-        let mut costs = FrameCosts { rays: self.rays.clone(), tail_ms: TAIL_MS, ..Default::default() };
+        let mut costs = FrameCosts { rays: self.rays.to_vec(), tail_ms: TAIL_MS, ..Default::default() };
         for device in 0..self.spec.devices {
             costs.lead_ms.push((device, LEAD_MS));
             costs.gap_ms.push((device, GAP_MS));
@@ -165,7 +165,7 @@ proptest! {
             let (assignments, model) = world.play(policy.as_mut(), 5);
             prop_assert_eq!(&assignments, &world.play(twin.as_mut(), 5).0, "{} is not deterministic", policy.name());
             for (frame, assignment) in assignments.iter().enumerate() {
-                for (group, view) in partitions().into_iter().flat_map(|g| Eye::ALL.map(|v| (g, v))) {
+                for (group, view) in partitions().into_iter().flat_map(|g| Eye::BOTH.map(|v| (g, v))) {
                     let stripes = assignment.stripes(group, view);
                     prop_assert_eq!((stripes.devices(), stripes.height()), (devices, extent.height));
                     let rows: Vec<u32> = (0..devices).flat_map(|d| stripes.rows(d)).collect();
@@ -311,10 +311,10 @@ fn device_without_rows_has_the_cost_of_the_others() {
 #[test]
 fn ratio_rules_narrow_to_stage_and_view() {
     let rule: RatioRule = "path_trace.left=5,1,2".parse().unwrap();
-    assert_eq!((rule.group, rule.view), (Some(PARTITION), Some(Eye::Left)));
+    assert_eq!((rule.group, rule.view), (Some(PARTITION), Some(Eye::LEFT)));
     let a = Static::new(80, 3, &[rule]).unwrap().assign(&model(&spec(80, 3, 5, Seam::None)));
-    assert_eq!(a.stripes(PARTITION, Eye::Left).inner_edges(), &[50, 60]);
-    assert_eq!(a.stripes(PARTITION, Eye::Right).inner_edges(), &[26, 53]);
+    assert_eq!(a.stripes(PARTITION, Eye::LEFT).inner_edges(), &[50, 60]);
+    assert_eq!(a.stripes(PARTITION, Eye::RIGHT).inner_edges(), &[26, 53]);
     assert!("shade=1,2".parse::<RatioRule>().is_err());
     assert!("1,x".parse::<RatioRule>().is_err());
     assert!(Static::new(80, 2, &["1,2,3".parse().unwrap()]).is_err());
@@ -335,7 +335,7 @@ fn remaining_devices_cover_all_rows_and_rebalance() {
             for _ in 0..8 {
                 model.learn(&world.costs(&built));
                 let assignment = policy.assign(&model);
-                let stripes = assignment.stripes(PARTITION, Eye::Left);
+                let stripes = assignment.stripes(PARTITION, Eye::LEFT);
                 assert_eq!((stripes.devices(), stripes.height()), (left.len(), 160), "{}", policy.name());
                 built = graph(&world.spec, &assignment, None);
             }
@@ -351,8 +351,8 @@ fn static_ratios_of_remaining_devices_stay() {
     let mut policy = Static::new(80, 3, &["5,1,2".parse().unwrap(), "atrous=0,1,0".parse().unwrap()]).unwrap();
     policy.remove_device(1);
     let assignment = policy.assign(&model(&spec(80, 2, 0, Seam::None)));
-    assert_eq!(assignment.stripes(PARTITION, Eye::Left).inner_edges(), &[57]);
-    assert_eq!(assignment.stripes(denoise::PARTITION, Eye::Left).inner_edges(), &[40]);
+    assert_eq!(assignment.stripes(PARTITION, Eye::LEFT).inner_edges(), &[57]);
+    assert_eq!(assignment.stripes(denoise::PARTITION, Eye::LEFT).inner_edges(), &[40]);
 }
 
 #[test]

@@ -102,7 +102,7 @@ impl Calibration<'_> {
 
     /// Reads the middle of the left eye's image, at most [`COMPARED_PART`].
     fn middle(&mut self) -> Result<RgbImage, CalibrationError> {
-        Ok(middle(self.renderer.read_linear()?.left))
+        Ok(middle(self.renderer.read_linear()?.into_left()))
     }
 }
 

@@ -7,7 +7,7 @@ use crate::control::{
     BOUNCES, BlurErrors, Ladder, LadderError, Origin, Rung, TRACING, guessed_error, guessed_paths,
     guessed_relative_cost, mix, relative_costs,
 };
-use crate::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
+use crate::exec::{ExecError, FrameParams, FrameReport, PerView, Renderer};
 use crate::graph::Stage;
 use crate::image::RgbImage;
 use crate::passes::gbuffer;
@@ -274,10 +274,10 @@ impl<'a> Calibration<'a> {
 }
 
 /// Returns the mean radiance of both eyes.
-fn mean_light(images: &Stereo<RgbImage>) -> f64 {
-    let pixels = images.left.pixels.iter().chain(&images.right.pixels);
+fn mean_light(images: &PerView<RgbImage>) -> f64 {
+    let pixels = images.iter().flat_map(|image| &image.pixels);
     let sum: f64 = pixels.flatten().filter(|c| c.is_finite()).map(|c| f64::from(*c)).sum();
-    sum / (images.left.pixels.len() + images.right.pixels.len()).max(1) as f64
+    sum / images.iter().map(|image| image.pixels.len()).sum::<usize>().max(1) as f64
 }
 
 #[cfg(test)]

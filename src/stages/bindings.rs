@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use crate::graph::{Access, Format, Resource, Use};
+use crate::scene::rig::Eye;
 
 /// Returns the declarations of the variables that a pass binds, in order.
 pub fn bindings(uses: &[Use]) -> String {
@@ -13,12 +14,13 @@ pub fn bindings(uses: &[Use]) -> String {
     uses.iter().enumerate().map(line).collect()
 }
 
-/// Returns the name of the variable of a binding.
+/// Returns the name of the variable of a binding. Shaders call a source the left view, and each other view the right
+/// one.
 pub fn variable(used: &Use) -> Cow<'static, str> {
     let Resource { name, variable, .. } = used.image.resource;
     match (used.name, used.eye) {
         (Some(own), _) => own.into(),
-        (None, Some(eye)) => format!("{eye}_{name}").into(),
+        (None, Some(eye)) => format!("{}_{name}", if eye.is_source() { Eye::LEFT } else { Eye::RIGHT }).into(),
         (None, None) if used.is_before => format!("last_{name}").into(),
         (None, None) => variable.unwrap_or(name).into(),
     }
@@ -47,7 +49,6 @@ fn type_name(used: &Use) -> String {
 mod tests {
     use super::*;
     use crate::image::Extent;
-    use crate::scene::rig::Eye;
 
     /// Checks names, address spaces and types.
     #[test]
@@ -58,7 +59,7 @@ mod tests {
         let uses = [
             Use::read(hit),
             Use::read(hit).before(None),
-            Use::read(hit).before(None).of(Eye::Left),
+            Use::read(hit).before(None).of(Eye::LEFT),
             Use::write(hit).named("target_"),
             Use::update(table).viewed_as::<glam::UVec4>(),
             Use::read(list),

@@ -351,7 +351,7 @@ fn rejects_faulty_shaders_with_the_line() {
     });
     const GREY: Resource = Resource::image::<u32>("grey");
     let mut refused = |text: &'static str| {
-        let pass = Pass::new(Stage("grey"), Eye::Left, tonemap::PARTITION, Kernel::from_text("grey", text));
+        let pass = Pass::new(Stage("grey"), Eye::LEFT, tonemap::PARTITION, Kernel::from_text("grey", text));
         match build(&mut gpu, &pass.uses([Use::write(GREY)]), &layout, &config) {
             Err(StageError::Pipeline { what, .. }) => what,
             Err(other) => panic!("{other}"),

@@ -74,7 +74,7 @@ impl Bench {
         let program = Arc::new(program(before.map(|_| HISTORY_ROWS)));
         let graph = FrameGraph::build(&program, &assignment, before.map(|_| &assignment));
         let previous = before.unwrap_or(Previous::from(&frame));
-        self.stages.begin(&self.gpu, &frame, &previous, &Default::default());
+        self.stages.begin(&self.gpu, &[(frame, previous)], &Default::default());
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let (gpu, program) = (&self.gpu, &program);
         let mut to = Recording { gpu, queries: None, encoder: &mut encoder, program, place };
@@ -93,7 +93,7 @@ impl Bench {
         self.gpu.queue.submit([encoder.finish()]);
         self.frames += 1;
         let [colors, rows] =
-            ["linear", "row_tally"].map(|name| Eye::ALL.map(|eye| self.read(&image(name), eye, place)).concat());
+            ["linear", "row_tally"].map(|name| Eye::BOTH.map(|eye| self.read(&image(name), eye, place)).concat());
         let rows: &[RowTally] = bytemuck::cast_slice(&rows);
         (bytemuck::cast_slice(&colors).to_vec(), rows.iter().map(|row| row.nonfinite).sum())
     }
@@ -104,7 +104,7 @@ impl Bench {
         let rig = Rig { yfov_rad: 1.05, baseline_m: 0.064, ..Rig::of_keys(vec![key]) };
         let mut frame = Frame {
             camera: Camera {
-                views: Eye::ALL.map(|eye| View::new(&rig.view(0.0, eye), 1.5)),
+                views: Eye::BOTH.map(|eye| View::new(&rig.view(0.0, eye), 1.5)),
                 centre: Vec2::splat(0.5),
                 width: EXTENT.width,
                 height: EXTENT.height,
@@ -145,7 +145,7 @@ impl Bench {
     /// Overwrites these words of the centre pixel in the left eye's image of the last frame.
     fn poison(&self, image: &Bound, words: std::ops::Range<u64>) {
         let pixel = u64::from(EXTENT.height / 2 * EXTENT.width + EXTENT.width / 2);
-        let last = self.stages.images.buffer(image, Eye::Left, Place::of(u64::from(self.frames), 1));
+        let last = self.stages.images.buffer(image, Eye::LEFT, Place::of(u64::from(self.frames), 1));
         for word in words {
             self.gpu.queue.write_buffer(last, 16 * pixel + 4 * word, bytemuck::bytes_of(&NAN));
         }

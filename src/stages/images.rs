@@ -8,6 +8,7 @@ use std::ops::Range;
 use crate::device::{GpuDevice, Traversal};
 use crate::graph::{Bound, Format, Life, Program, Resource, Scope};
 use crate::image::Extent;
+use crate::passes::PREVIOUS;
 use crate::scene::rig::Eye;
 
 /// The buffers of all resources of a run.
@@ -21,6 +22,17 @@ struct Copies {
     kind: Kind,
     /// Buffers by eye (a single entry if the eyes share them), then by slot or turn.
     buffers: Vec<Vec<wgpu::Buffer>>,
+}
+
+impl Copies {
+    fn number(&self, bound: &Bound, place: Place) -> usize {
+        match self.kind {
+            Kind::All => 0,
+            Kind::Turns if bound.is_before => 1 - place.turn,
+            Kind::Turns => place.turn,
+            Kind::Slots => place.slot,
+        }
+    }
 }
 
 /// Rule by which frames share a buffer.
@@ -53,6 +65,9 @@ impl Images {
     /// Creates the buffers of all images that any of these programs binds, with `slots` frames in flight.
     pub fn new(gpu: &GpuDevice, programs: &[Program], extent: Extent, slots: usize) -> Self {
         let bound = || programs.iter().flat_map(Program::images);
+        let views = programs.iter().map(Program::views).max().unwrap_or(1);
+        // The eyes share constants; more views have their own.
+        let has_own = |r: &Resource| r.scope == Scope::View || (*r == PREVIOUS && views > 2);
         let kept: HashSet<Resource> = bound().filter(|b| b.is_before).map(|b| b.resource).collect();
         let mut buffers = HashMap::new();
         for Bound { resource, buffer, .. } in bound() {
@@ -65,7 +80,7 @@ impl Images {
                 Life::Output => (Kind::Slots, slots),
                 Life::Frame | Life::Local | Life::Input => (Kind::All, 1),
             };
-            let eyes = if resource.scope == Scope::View { Eye::ALL.len() } else { 1 };
+            let eyes = if has_own(resource) { views } else { 1 };
             let of_eye = |_| (0..count).map(|_| new_buffer(gpu, resource, size)).collect();
             buffers.insert((*resource, *buffer), Copies { kind, buffers: (0..eyes).map(of_eye).collect() });
         }
@@ -82,19 +97,20 @@ impl Images {
         self.buffers.contains_key(&(*resource, 0))
     }
 
+    /// Returns the buffers that hold an image of each view, see [`Self::buffer`].
+    pub fn views<'a>(&'a self, bound: &Bound, place: Place) -> impl Iterator<Item = &'a wgpu::Buffer> + use<'a> {
+        let copies = &self.buffers[&(bound.resource, bound.buffer)];
+        let number = copies.number(bound, place);
+        copies.buffers.iter().map(move |of_view| &of_view[number])
+    }
+
     /// Returns the buffer that holds an image of an eye, for a frame with the slot and the turn of `place`.
     ///
     /// # Panics
     /// If no program binds the image, or if the slot does not exist.
     pub fn buffer(&self, bound: &Bound, eye: Eye, place: Place) -> &wgpu::Buffer {
         let copies = &self.buffers[&(bound.resource, bound.buffer)];
-        let number = match copies.kind {
-            Kind::All => 0,
-            Kind::Turns if bound.is_before => 1 - place.turn,
-            Kind::Turns => place.turn,
-            Kind::Slots => place.slot,
-        };
-        &copies.buffers[(eye as usize).min(copies.buffers.len() - 1)][number]
+        &copies.buffers[eye.index().min(copies.buffers.len() - 1)][copies.number(bound, place)]
     }
 
     /// Returns the offset and the size of these rows of an image, bytes.

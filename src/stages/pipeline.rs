@@ -32,13 +32,14 @@ pub struct DeviceStages {
     /// Bind groups by index of the pass in `program`, the latest one. They are clones of those in `groups`.
     of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
     program: Option<Arc<Program>>,
-    /// Bind group 0 by [`SceneUse`](crate::graph::SceneUse): the frame's constants, followed by nothing, by the scene, or
-    /// by the tables that kernels write.
-    frame_groups: [wgpu::BindGroup; 3],
+    /// Bind group 0 by view, and by [`SceneUse`](crate::graph::SceneUse): the frame's constants, followed by nothing, by
+    /// the scene, or by the tables that kernels write.
+    frame_groups: Vec<[wgpu::BindGroup; 3]>,
     /// Bind group 2 of kernels that read constants of the projection.
     projection: Option<wgpu::BindGroup>,
     scene: SceneBuffers,
-    frame: wgpu::Buffer,
+    /// The frame's constants by view; up to two views share them.
+    frames: Vec<wgpu::Buffer>,
     /// Copies of images that repeated dispatches add to, by binding and size in bytes.
     saved: HashMap<(usize, u64), wgpu::Buffer>,
 }
@@ -81,21 +82,33 @@ impl DeviceStages {
         )?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let images = Images::new(gpu, programs, config.grid(), config.execution.frames_in_flight);
-        let frame = gpu.buffer("frame", size_of::<Frame>() as u64, UNIFORM);
+        let views = programs.iter().map(Program::views).max().filter(|views| *views > 2).unwrap_or(1);
+        let frames: Vec<_> = (0..views).map(|_| gpu.buffer("frame", size_of::<Frame>() as u64, UNIFORM)).collect();
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
-        let first = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
-        let group0 = |layout: Vec<_>, entries: Vec<_>| {
-            let (label, layout) = (Some("group 0"), [vec![constants], layout].concat());
-            let descriptor = wgpu::BindGroupLayoutDescriptor { label, entries: &layout };
-            let layout = gpu.device.create_bind_group_layout(&descriptor);
-            let entries = [vec![first.clone()], entries].concat();
-            let descriptor = wgpu::BindGroupDescriptor { label, layout: &layout, entries: &entries };
-            (gpu.device.create_bind_group(&descriptor), layout)
+        let label = Some("group 0");
+        let layout = |entries: Vec<_>| {
+            let entries = [vec![constants], entries].concat();
+            gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries: &entries })
         };
-        let (without_scene, without_layout) = group0(Vec::new(), Vec::new());
-        let (with_scene, with_layout) = group0(layout_entries(gpu.scene_access()), scene.entries());
-        let (changing, changing_layout) = group0(vec![changing_entry(gpu.quirks.tables)], vec![scene.tables_entry()]);
-        let kernels = Kernels::new(programs, [without_layout, with_layout, changing_layout]);
+        let layouts = [
+            layout(Vec::new()),
+            layout(layout_entries(gpu.scene_access())),
+            layout(vec![changing_entry(gpu.quirks.tables)]),
+        ];
+        let of_view = |frame: &wgpu::Buffer| {
+            let group = |layout: &wgpu::BindGroupLayout, entries: Vec<_>| {
+                let first = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
+                let entries = [vec![first], entries].concat();
+                gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label, layout, entries: &entries })
+            };
+            [
+                group(&layouts[0], Vec::new()),
+                group(&layouts[1], scene.entries()),
+                group(&layouts[2], vec![scene.tables_entry()]),
+            ]
+        };
+        let frame_groups = frames.iter().map(of_view).collect();
+        let kernels = Kernels::new(programs, layouts);
         let built = kernels.build(gpu, &config)?;
         for (resource, bytes) in tables.skin_inputs().into_iter().filter(|(resource, _)| images.has(resource)) {
             gpu.queue.write_buffer(input(&images, resource), 0, bytes);
@@ -107,11 +120,11 @@ impl DeviceStages {
             groups: HashMap::new(),
             of_passes: HashMap::new(),
             program: None,
-            frame_groups: [without_scene, with_scene, changing],
+            frame_groups,
             projection: bind_projection(gpu, &config),
             config,
             scene,
-            frame,
+            frames,
             saved: HashMap::new(),
         })
     }
@@ -125,11 +138,17 @@ impl DeviceStages {
         }
     }
 
-    /// Writes the constants of a frame, and updates the scene's tables, for the next submission.
-    pub fn begin(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &Previous, update: &SceneUpdate) {
-        gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
-        if self.images.has(&PREVIOUS) {
-            gpu.queue.write_buffer(input(&self.images, PREVIOUS), 0, bytemuck::bytes_of(previous));
+    /// Writes the constants of a frame and of the one before, for each view or for all, and updates the scene's tables,
+    /// for the next submission.
+    pub fn begin(&mut self, gpu: &GpuDevice, constants: &[(Frame, Previous)], update: &SceneUpdate) {
+        let bound = Bound { resource: PREVIOUS, buffer: 0, is_before: false };
+        let has_previous = self.images.has(&PREVIOUS);
+        let mut befores = has_previous.then(|| self.images.views(&bound, Place::default()));
+        for (buffer, (frame, previous)) in self.frames.iter().zip(constants) {
+            gpu.queue.write_buffer(buffer, 0, bytemuck::bytes_of(frame));
+            if let Some(before) = befores.as_mut().and_then(Iterator::next) {
+                gpu.queue.write_buffer(before, 0, bytemuck::bytes_of(previous));
+            }
         }
         let pose = self.config.buffers.moving.as_ref().map(Moving::pose).filter(|pose| self.images.has(pose));
         if let Some(pose) = pose {
@@ -138,7 +157,7 @@ impl DeviceStages {
         self.scene.update(gpu, update);
     }
 
-    /// Records that the constants of a frame are set, for the commands that follow in the encoder.
+    /// Records that the constants of a frame, which all views share, are set, for the commands that follow in the encoder.
     pub fn set_constants(
         &self,
         gpu: &GpuDevice,
@@ -150,20 +169,24 @@ impl DeviceStages {
             let staged = gpu.staged(bytemuck::cast_slice(bytes).iter().copied());
             encoder.copy_buffer_to_buffer(&staged, 0, to, 0, bytes.len() as u64);
         };
-        set(&self.frame, bytemuck::bytes_of(frame));
+        set(&self.frames[0], bytemuck::bytes_of(frame));
         set(input(&self.images, PREVIOUS), bytemuck::bytes_of(previous));
     }
 
     /// Sets the display resampling of both eyes for submissions from here on.
     pub fn show(&self, gpu: &GpuDevice, maps: &[DisplayMap; 2]) {
-        let at = offset_of!(Frame, camera) + offset_of!(Camera, display_maps);
-        gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::cast_slice(maps));
+        self.write(gpu, offset_of!(Frame, camera) + offset_of!(Camera, display_maps), bytemuck::cast_slice(maps));
     }
 
     /// Sets the least number of samples per pixel for submissions from here on.
     pub fn set_least_samples(&self, gpu: &GpuDevice, least: u32) {
         let at = offset_of!(Frame, sampling) + offset_of!(Sampling, samples) + offset_of!(PixelSamples, least);
-        gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::bytes_of(&least));
+        self.write(gpu, at, bytemuck::bytes_of(&least));
+    }
+
+    /// Writes a part of the constants of all views.
+    fn write(&self, gpu: &GpuDevice, at: usize, bytes: &[u8]) {
+        self.frames.iter().for_each(|frame| gpu.queue.write_buffer(frame, at as u64, bytes));
     }
 
     /// Runs every pipeline of these programs once on no rows, so that drivers compile it now rather than in the first
@@ -222,7 +245,7 @@ impl DeviceStages {
         let pass = &to.program.passes()[pass].pass;
         let Some(resource) = pass.builds_from else { return };
         let bound = Bound { resource, buffer: 0, is_before: false };
-        self.scene.build_structures(to.encoder, self.images.buffer(&bound, Eye::MAIN, to.place));
+        self.scene.build_structures(to.encoder, self.images.buffer(&bound, pass.view, to.place));
         // Acceleration structure builds belong to no pass, so an empty pass after them writes the timestamp.
         drop(to.begin_pass(pass.stage, [None, ends]));
     }
@@ -252,7 +275,8 @@ impl DeviceStages {
             groups.entry((kernel.name, bound, place)).or_insert_with_key(new).clone()
         });
         let mut recorded = to.begin_pass(declared.stage, [begins, ends]);
-        recorded.set_bind_group(0, &self.frame_groups[kernel.scene as usize], &[]);
+        let of_view = &self.frame_groups[declared.view.index().min(self.frame_groups.len() - 1)];
+        recorded.set_bind_group(0, &of_view[kernel.scene as usize], &[]);
         recorded.set_bind_group(1, &*group, &[]);
         recorded.set_bind_group(2, self.projection.as_ref(), &[]);
         for Launched { jitter, constants, groups } in launches {
@@ -296,7 +320,7 @@ impl Recording<'_> {
 
 /// Returns the buffer of a resource that the host writes.
 fn input(images: &Images, resource: Resource) -> &wgpu::Buffer {
-    images.buffer(&Bound { resource, buffer: 0, is_before: false }, Eye::MAIN, Place::default())
+    images.buffer(&Bound { resource, buffer: 0, is_before: false }, Eye::LEFT, Place::default())
 }
 
 fn bind(gpu: &GpuDevice, built: &Built, images: &Images, bound: &[(Bound, Eye)], place: Place) -> wgpu::BindGroup {

@@ -295,7 +295,7 @@ mod tests {
             ),
             (wgpu::Limits { max_immediate_size: 32, ..limits() }, "needs 44 bytes, and device 3 takes 32 bytes"),
             (wgpu::Limits { max_compute_invocations_per_workgroup: 32, ..limits() }, "64 invocations a workgroup"),
-            (wgpu::Limits { max_uniform_buffer_binding_size: 64, ..limits() }, "previous frame at 1920x1080 needs 256"),
+            (wgpu::Limits { max_uniform_buffer_binding_size: 64, ..limits() }, "previous frame at 1920x1080 needs 288"),
         ] {
             assert_said(&limits, frames(&hd), expected);
         }

@@ -11,7 +11,6 @@ use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::passes::path_trace::PARTITION;
 use crate::quality::{FrameQuality, Quality};
-use crate::scene::rig::Eye;
 
 /// Rung that the controller chose for a frame, and the frame budget.
 #[derive(Clone, Debug)]
@@ -130,8 +129,8 @@ fn task_from(timing: &TaskTiming, frame: u32) -> Task {
     let lane = match (timing.kind, timing.view) {
         (TimedTask::Download, _) => Lane::Download,
         (TimedTask::Upload, _) => Lane::Upload,
-        (TimedTask::Gpu(_), Eye::Left) => Lane::Left,
-        (TimedTask::Gpu(_), Eye::Right) => Lane::Right,
+        (TimedTask::Gpu(_), eye) if eye.is_source() => Lane::Left,
+        (TimedTask::Gpu(_), _) => Lane::Right,
     };
     Task {
         pid: FIRST_DEVICE_PID + timing.device as u32,
@@ -237,7 +236,7 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, 
         recorder.counter("pixels of the right eye", at_us, &shares);
     }
     recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);
-    let stripes = frame.assignment.stripes(PARTITION, Eye::Left);
+    let stripes = frame.assignment.stripes(PARTITION, frame.program.main_eye());
     let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);
     record_shares(recorder, "share of rows", at_us, rows.collect());
     record_shares(recorder, "share of work", at_us, frame.busy_ms());

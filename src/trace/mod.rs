@@ -67,7 +67,8 @@ pub enum TraceError {
     NoSuchFrame { path: String, frame: u64, count: usize, first: u64, last: u64 },
 }
 
-/// Concurrent lanes of a device: work on the left eye, the right eye or both, and transfers from and to the host.
+/// Concurrent lanes of a device: work on the left eye, the right eye or both, and transfers from and to the host. If a rig
+/// has more views, `Left` is its sources, and `Right` all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Lane {

@@ -12,7 +12,7 @@ use diptych::RunConfig;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::Devices;
-use diptych::exec::{ExecError, FrameParams, FrameReport, InjectedFaults, Renderer, Stereo};
+use diptych::exec::{ExecError, FrameParams, FrameReport, InjectedFaults, PerView, Renderer};
 use diptych::frame::Foveation;
 use diptych::frame::settings::Value as _;
 use diptych::graph::{Life, Pass};
@@ -24,7 +24,7 @@ use diptych::quality::{Denoiser, Filter};
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
-use diptych::scene::rig::{Rig, RigKey};
+use diptych::scene::rig::{Eye, Rig, RigKey};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Policy};
 use diptych::tables::SceneTables;
@@ -274,8 +274,8 @@ impl<'a> Stage<'a> {
     #[track_caller]
     pub fn frame_at(&mut self, time_s: f64, index: u32) -> Frame {
         let frame = self.render(time_s, index);
-        for (eye, tally) in ["left", "right"].iter().zip(&frame.report.tallies) {
-            assert_eq!(tally.nonfinite, 0, "{self}: samples of the {eye} eye were dropped");
+        for (eye, tally) in Eye::of_rig(frame.report.tallies.len()).zip(&frame.report.tallies) {
+            assert_eq!(tally.nonfinite, 0, "{self}: samples of {eye} were dropped");
         }
         frame
     }
@@ -338,12 +338,12 @@ impl<'a> Stage<'a> {
     }
 
     /// Returns the last frame in display encoding, as encoded by the devices.
-    pub fn display(&mut self) -> Stereo<Image<[u8; 4]>> {
+    pub fn display(&mut self) -> PerView<Image<[u8; 4]>> {
         self.renderer().read_display().unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
 
     /// Returns the i-th auxiliary image of the settings.
-    pub fn aov(&mut self, i: usize) -> Stereo<Vec<Vec<f32>>> {
+    pub fn aov(&mut self, i: usize) -> PerView<Vec<Vec<f32>>> {
         self.renderer().read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
 }
@@ -363,7 +363,7 @@ impl std::fmt::Display for Stage<'_> {
 }
 
 pub struct Frame {
-    pub linear: Stereo<RgbImage>,
+    pub linear: PerView<RgbImage>,
     pub report: FrameReport,
 }
 
@@ -371,7 +371,7 @@ impl Frame {
     /// Returns the fraction of the right eye's pixels that are holes after reprojection.
     pub fn hole_fraction(&self) -> f64 {
         let holes: u64 = self.report.tallies[1].holes.iter().sum();
-        holes as f64 / self.linear.right.extent.area() as f64
+        holes as f64 / self.linear.right().extent.area() as f64
     }
 }
 

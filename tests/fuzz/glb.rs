@@ -40,7 +40,7 @@ pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
     for time_s in [0.0, 0.3, -1e9] {
         check(&scene.at(time_s));
     }
-    let view = shot.rig.view(0.0, Eye::Left);
+    let view = shot.rig.view(0.0, Eye::LEFT);
     assert!([view.origin, view.right, view.up, view.forward].iter().all(|v| v.is_finite()), "{view:?}");
     let accel = Accel::build_within(&scene, Layout::Auto, budget, &TreeCache::off()).ok()?;
     let tables = SceneTables::within(&scene, accel, budget).ok()?;

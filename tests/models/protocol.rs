@@ -47,7 +47,7 @@ fn commands(ticket: Ticket, device: Device, left: &[Device], rules: Rules) -> Ar
     let transfer = |round: u32, from: Device, to: Device| round * 100 + from as u32 * 10 + to as u32;
     let rows = |task| {
         let bound = Bound { resource: LINEAR, buffer: 0, is_before: false };
-        Rows { task, image: EyeImage { bound, eye: Eye::Left }, rows: 0..1 }
+        Rows { task, image: EyeImage { bound, eye: Eye::LEFT }, rows: 0..1 }
     };
     let dispatch = || Command::Dispatch { pass: 0, launches: Vec::new(), begins: None, ends: None };
     let mut builder = Builder::new(ticket);

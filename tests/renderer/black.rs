@@ -6,10 +6,10 @@ use crate::common::{Stage, Subject, sampled, still_rig};
 use crate::reference::scenes::studio::{dielectric, metal};
 use crate::reference::scenes::{add_image, add_material, empty, matte, place, quad};
 use diptych::RunConfig;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::quality::{Denoiser, Filter};
-use diptych::scene::rig::RigKey;
+use diptych::scene::rig::{Eye, RigKey};
 use diptych::scene::{Clearcoat, Environment, Light, LightKind, Material, Scene, Texture, TextureRef, Wrap};
 use glam::{Affine2, DVec3, Vec2, Vec3, vec3};
 
@@ -111,14 +111,15 @@ pub fn mean(image: &RgbImage) -> DVec3 {
 }
 
 /// Returns the mean of both eyes over the last frames.
-fn means(subject: &Subject, settings: &RunConfig, frames: std::ops::Range<u32>) -> Stereo<DVec3> {
+fn means(subject: &Subject, settings: &RunConfig, frames: std::ops::Range<u32>) -> PerView<DVec3> {
     let mut stage = Stage::alone(subject, settings);
-    let mut sum = Stereo { left: DVec3::ZERO, right: DVec3::ZERO };
+    let mut sum = PerView::both(DVec3::ZERO, DVec3::ZERO);
     for index in frames.clone() {
         let linear = stage.frame_at(f64::from(index) / FPS, index).linear;
         if index + COMPARED >= frames.end {
-            sum.left += mean(&linear.left) / f64::from(COMPARED);
-            sum.right += mean(&linear.right) / f64::from(COMPARED);
+            for (eye, sum) in sum.with_eyes_mut() {
+                *sum += mean(linear.of(eye)) / f64::from(COMPARED);
+            }
         }
     }
     sum
@@ -137,7 +138,7 @@ fn assert_light_is_kept(subjects: impl IntoIterator<Item = Subject>, denoisers: 
             let ratio = |found: DVec3, expected: DVec3| {
                 DVec3::select(expected.cmpeq(DVec3::ZERO), DVec3::ONE + found, found / expected)
             };
-            let [left, right] = [ratio(found.left, expected.left), ratio(found.right, expected.right)];
+            let [left, right] = Eye::BOTH.map(|eye| ratio(*found.of(eye), *expected.of(eye)));
             let line = format!("{} {denoiser:?} {spp} spp: {left:.3} left, {right:.3} right", subject.name);
             println!("{line}");
             let is_near = |ratio: DVec3| (ratio - 1.0).abs().cmple(DVec3::splat(MOST)).all();

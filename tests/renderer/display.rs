@@ -3,7 +3,7 @@
 use crate::common::{Stage, Subject, is_thorough, with};
 use crate::pictures::brightest;
 use diptych::RunConfig;
-use diptych::exec::{ExecError, Stereo};
+use diptych::exec::{ExecError, PerView};
 use diptych::image::RgbImage;
 use diptych::image::display::tonemap;
 use diptych::image::tone::ToneCurve;
@@ -26,7 +26,7 @@ fn display_image_equals_tonemapped_linear_image() {
 fn assert_tonemapped(stage: &mut Stage, tone: ToneCurve) {
     let frame = stage.frame(0);
     let display = stage.display();
-    for eye in Eye::ALL {
+    for eye in Eye::BOTH {
         let (linear, shown) = (frame.linear.of(eye), display.of(eye));
         let expected = tonemap(linear, -0.7, tone);
         assert!(expected.pixels.iter().any(|p| p[0] > 200) && expected.pixels.iter().any(|p| p[0] <= 1));
@@ -48,7 +48,7 @@ fn under_a_sun(brightness: f32, sun_lux: f32) -> Subject {
 }
 
 /// Renders a sequence, in units in which white is 1.
-fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
+fn exposed(exposure_ev: f32, gloss: bool) -> Vec<PerView<RgbImage>> {
     let white = (-exposure_ev).exp2();
     // The sun has 100,000 lux at −17 EV.
     let subject = under_a_sun(white, 1e5 * (white / 17f32.exp2()));
@@ -57,7 +57,7 @@ fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
     let mut stage = Stage::alone(&subject, &settings);
     let frame = |i: u32| stage.frame_at(0.02 * f64::from(i), i).linear;
     let mut frames: Vec<_> = (0..8).map(frame).collect();
-    let values = frames.iter_mut().flat_map(|f| [&mut f.left, &mut f.right]).flat_map(|eye| &mut eye.pixels);
+    let values = frames.iter_mut().flat_map(|f| f.iter_mut()).flat_map(|eye| &mut eye.pixels);
     values.for_each(|pixel| *pixel = pixel.map(|v| v / white));
     frames
 }
@@ -73,7 +73,7 @@ fn picture_is_independent_of_the_unit_of_light() {
         for &exposure_ev in exposures_ev {
             let mut worst = 0.0f32;
             for (e, f) in expected.iter().zip(&exposed(exposure_ev, gloss)) {
-                for eye in Eye::ALL {
+                for eye in Eye::BOTH {
                     let [e, f] = [e, f].map(|frame| frame.of(eye).pixels.as_flattened());
                     worst = e.iter().zip(f).map(|(e, f)| (e - f).abs() / (e + 1e-3)).fold(worst, f32::max);
                 }
@@ -90,7 +90,7 @@ fn exposures_of_the_same_stop_give_equal_radiance() {
     let subject = under_a_sun(1.0, 1e3);
     let pixels = |exposure_ev| {
         let settings = RunConfig { exposure_ev, ..subject.accumulated(64, 36) };
-        let Stereo { left, right } = Stage::alone(&subject, &settings).frame(0).linear;
+        let [left, right] = Stage::alone(&subject, &settings).frame(0).linear.into_outer();
         [left.pixels, right.pixels]
     };
     assert!(pixels(-0.9) == pixels(-1.4));
@@ -104,9 +104,9 @@ fn half_float_overflow_is_clipped_and_counted() {
         let mut settings = RunConfig { exposure_ev, hard_shadows: false, ..subject.accumulated(64, 36) };
         settings.buffers.needs.gloss = gloss;
         let frame = Stage::alone(&subject, &settings).frame(0);
-        let brightest = brightest(&frame.linear.left);
-        assert!(frame.linear.left.pixels.as_flattened().iter().all(|v| v.is_finite()));
-        let clipped = frame.report.tallies.map(|tally| tally.clipped);
+        let brightest = brightest(frame.linear.left());
+        assert!(frame.linear.left().pixels.as_flattened().iter().all(|v| v.is_finite()));
+        let clipped = [0, 1].map(|eye| frame.report.tallies[eye].clipped);
         (clipped, brightest)
     };
     let ([left, right], cut) = clipped(0.0, true);

@@ -23,8 +23,8 @@ fn render(subject: &Subject, settings: &RunConfig) -> (RgbImage, Vec<f32>) {
     let mut settings = settings.clone();
     settings.buffers.aovs = vec![Aov::Albedo];
     let mut stage = Stage::alone(subject, &settings);
-    let image = stage.frame(0).linear.left;
-    (image, stage.aov(0).left.swap_remove(0))
+    let image = stage.frame(0).linear.into_left();
+    (image, stage.aov(0).into_left().swap_remove(0))
 }
 
 /// Returns the pixels whose centre is on a surface of that albedo.
@@ -146,7 +146,7 @@ fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
     let mut settings = subject.settings(extent.width, extent.height);
     (settings.envelope.most.bounces, settings.envelope.most.spp, settings.sampler) = (bounces, 64.into(), Sampler::Pcg);
     let mut stage = Stage::alone(&subject, &settings);
-    let renders: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    let renders: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| eyes.into_outer()).collect();
     let found = mean_and_variance(&renders);
     let expected =
         Reference::new(&subject.scene).render(&camera, extent, if is_thorough() { 1024 } else { 512 }, bounces - 1, 5);

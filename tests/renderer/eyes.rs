@@ -26,17 +26,17 @@ pub fn size(per_tan: u32) -> Extent {
 
 fn tan(eye: Eye) -> [f64; 4] {
     let [left, right, up, down] = TAN;
-    if eye == Eye::Left { TAN } else { [-right, -left, up, down] }
+    if eye == Eye::LEFT { TAN } else { [-right, -left, up, down] }
 }
 
 /// Returns the orientation: rotated outwards by 5 degrees, for one eye also upwards and around its axis.
 fn orientation(eye: Eye) -> DQuat {
-    let [yaw, pitch, roll] = if eye == Eye::Left { [5.0f64, 0.0, 0.0] } else { [-5.0, 1.5, 1.0] };
+    let [yaw, pitch, roll] = if eye == Eye::LEFT { [5.0f64, 0.0, 0.0] } else { [-5.0, 1.5, 1.0] };
     DQuat::from_euler(EulerRot::YXZ, yaw.to_radians(), pitch.to_radians(), roll.to_radians())
 }
 
 fn position(eye: Eye) -> DVec3 {
-    DVec3::new(if eye == Eye::Left { -0.032 } else { 0.033 }, 0.002, -0.01)
+    DVec3::new(if eye == Eye::LEFT { -0.032 } else { 0.033 }, 0.002, -0.01)
 }
 
 fn motion(has_eyes: bool) -> HeadMotion {
@@ -47,7 +47,7 @@ fn motion(has_eyes: bool) -> HeadMotion {
     };
     let mut header = json!({ "diptych_motion": 1 });
     if has_eyes {
-        header["eyes"] = json!({ "left": eye(Eye::Left), "right": eye(Eye::Right) });
+        header["eyes"] = json!({ "left": eye(Eye::LEFT), "right": eye(Eye::RIGHT) });
     }
     let first = json!({ "time_s": 0, "position_m": [0.1, 0, 0], "orientation": [0, 0, 0, 1] });
     let then = json!({ "time_s": 1, "position_m": [0.15, 0.02, -0.1], "orientation": [0, 0.03, 0, 0.99955] });
@@ -72,7 +72,7 @@ fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
     let mut subject = Subject::load(shot);
     let head = motion(false).rig(&subject.rig).unwrap();
     let per_metre = 1.0 / head.metres_per_unit as f32;
-    let [left, right] = Eye::ALL.map(|eye| head.view(0.0, eye));
+    let [left, right] = Eye::BOTH.map(|eye| head.view(0.0, eye));
     let axes = |v: DVec3| left.right * v.x as f32 + left.up * v.y as f32 - left.forward * v.z as f32;
     let origin = (left.origin + right.origin) / 2.0 + axes(position(eye)) * per_metre;
     let turned = orientation(eye);
@@ -87,7 +87,7 @@ fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
     let [first, above] = [tan[0] + half[0], half[1] - tan[2]].map(|tan| (tan * f64::from(per_tan)).round() as u32);
     let extent = size(per_tan);
     let at = |i: u32| ((above + i / extent.width) * width + first + i % extent.width) as usize;
-    [whole.left, whole.right].map(|whole| {
+    whole.into_outer().map(|whole| {
         let pixels = (0..extent.area() as u32).map(|i| whole.pixels[at(i)]).collect();
         Image { extent, pixels }
     })
@@ -119,7 +119,8 @@ fn resampled_eyes_match_eyes_traced_directly() {
             let settings = RunConfig { seed, ..settings.clone() };
             Stage::alone(&subject, &settings).frame(0).linear
         });
-        for (eye, images) in [(Eye::Left, [first.left, second.left]), (Eye::Right, [first.right, second.right])] {
+        for eye in Eye::BOTH {
+            let images = [first.of(eye).clone(), second.of(eye).clone()];
             let references = traced(shot, eye, per_tan, 2 * spp);
             let psnr = psnr_without_noise(&references, &images);
             let mean_ratio = light(&images) / light(&references);
@@ -139,7 +140,7 @@ pub fn gaze() -> [Gaze; 2] {
 
 /// Returns the distance of each pixel of an eye's image from its gaze, in pixels.
 fn from_gaze(eye: Eye, extent: Extent) -> Vec<f64> {
-    let [x, y] = GAZE[eye as usize];
+    let [x, y] = GAZE[eye.index()];
     let centre = |i: u32| [f64::from(i % extent.width) + 0.5, f64::from(i / extent.width) + 0.5];
     let off =
         |[column, row]: [f64; 2]| f64::hypot(column - x * f64::from(extent.width), row - y * f64::from(extent.height));
@@ -160,8 +161,8 @@ fn foveation_layers_follow_the_gaze_of_each_eye() {
     stage.frame(0);
     let sampled = stage.aov(0);
     let extent = size(40);
-    for (eye, sampled) in Eye::ALL.into_iter().zip([&sampled.left[0], &sampled.right[0]]) {
-        let ([inner, outer], _) = foveation.circles(GAZE[eye as usize], extent);
+    for (eye, sampled) in Eye::BOTH.into_iter().zip([&sampled.left()[0], &sampled.right()[0]]) {
+        let ([inner, outer], _) = foveation.circles(GAZE[eye.index()], extent);
         let share = |is_counted: &dyn Fn(f64) -> bool| {
             let counted = from_gaze(eye, extent).into_iter().zip(sampled).filter(|(off, _)| is_counted(*off));
             let (pixels, sum) = counted.fold((0.0, 0.0), |(n, sum), (_, spp)| (n + 1.0, sum + f64::from(*spp)));
@@ -209,14 +210,16 @@ fn polar_images_are_sharp_at_the_gaze_of_each_eye() {
             Stage::alone(subject, &settings).frame(0).linear
         };
         let [whole, found] = [None, Some(space)].map(render);
-        [(Eye::Left, [&whole.left, &found.left]), (Eye::Right, [&whole.right, &found.right])].map(|(eye, images)| {
-            let off = from_gaze(eye, size);
-            [difference(images, |i| off[i] < 10.0), difference(images, |i| off[i] > 40.0)]
-        })
+        [(Eye::LEFT, [whole.left(), found.left()]), (Eye::RIGHT, [whole.right(), found.right()])].map(
+            |(eye, images)| {
+                let off = from_gaze(eye, size);
+                [difference(images, |i| off[i] < 10.0), difference(images, |i| off[i] > 40.0)]
+            },
+        )
     };
     for space in sampled([PolarSpace::Visual, LOG_POLAR], 2) {
         let [found, beside] = [&rectified, &alike].map(|seen| errors(seen, space));
-        for (eye, ([near, far], [near_alike, _])) in Eye::ALL.into_iter().zip(found.into_iter().zip(beside)) {
+        for (eye, ([near, far], [near_alike, _])) in Eye::BOTH.into_iter().zip(found.into_iter().zip(beside)) {
             println!("{space}, {eye}: {near} and {far}, with eyes that are alike {near_alike}");
             assert!(near < 0.5 * far, "{space}, {eye}: {near} and {far}");
             assert!(near < 1.3 * near_alike, "{space}, {eye}: {near}, with eyes that are alike {near_alike}");
@@ -235,9 +238,11 @@ fn motion_vectors_belong_to_the_display_image() {
     let [motion, places] = [0, 1].map(|i| stage.aov(i));
     let extent = size(40);
     let optics = subject.rig.optics.unwrap();
-    for (eye, motion, places) in [(Eye::Left, &motion.left, &places.left), (Eye::Right, &motion.right, &places.right)] {
+    for (eye, motion, places) in
+        [(Eye::LEFT, motion.left(), places.left()), (Eye::RIGHT, motion.right(), places.right())]
+    {
         let point = |place: DVec3, time_s: f64| {
-            let (view, lens) = (subject.rig.view(time_s, eye), &optics.lenses[eye as usize]);
+            let (view, lens) = (subject.rig.view(time_s, eye), &optics.lenses[eye.index()]);
             let axes = DMat3::from_cols(view.right.as_dvec3(), view.up.as_dvec3(), view.forward.as_dvec3());
             let seen = lens.axes.transpose() * (axes.transpose() * (place - view.origin.as_dvec3()));
             let (x, y) = (seen.x / seen.z, seen.y / seen.z);

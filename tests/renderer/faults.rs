@@ -10,7 +10,7 @@ use crate::same_bytes::{Rows, assert_same, assert_same_frames, even, every, hold
 use diptych::RunConfig;
 use diptych::device::{DevicePool, FailureKind, GpuDevice, Selection};
 use diptych::exec::ranks::Devices;
-use diptych::exec::{ExecError, Stereo};
+use diptych::exec::{ExecError, PerView};
 use diptych::image::RgbImage;
 use diptych::passes::path_trace::PARTITION;
 use diptych::scene::rig::Eye;
@@ -53,7 +53,7 @@ fn same_bytes_until_no_device_is_left() {
     let found = four.frames_in_flight(&times_s);
     assert_same_frames("four devices", &one, &found);
     let makespans_ms: Vec<_> = found.iter().map(|frame| frame.report.makespan_ms).collect();
-    let stripes = found.iter().map(|frame| frame.report.assignment.stripes(PARTITION, Eye::Left));
+    let stripes = found.iter().map(|frame| frame.report.assignment.stripes(PARTITION, Eye::LEFT));
     let rows: Vec<_> = stripes.map(|stripes| [0, 1, 2, 3].map(|d| stripes.rows(d).len())).collect();
     let working = |frame: usize| rows[frame].map(|r| r > 0);
     assert_eq!(working(0), [true, true, true, true]);
@@ -207,9 +207,9 @@ fn history_of_other_devices_survives_a_fault() {
         (0..5).map(|i| three.frame_at(f64::from(i) * 0.02, i).linear).collect::<Vec<_>>()
     };
     let whole = render(&[]);
-    let is_as_before = |frames: &[Stereo<RgbImage>], frame: usize, row: u32| {
+    let is_as_before = |frames: &[PerView<RgbImage>], frame: usize, row: u32| {
         let row = |image: &RgbImage| image.pixels[(row * WIDTH) as usize..][..WIDTH as usize].to_vec();
-        row(&frames[frame].left) == row(&whole[frame].left) && row(&frames[frame].right) == row(&whole[frame].right)
+        row(frames[frame].left()) == row(whole[frame].left()) && row(frames[frame].right()) == row(whole[frame].right())
     };
     for (fault, lost, kept) in [("loss:dev0@frame3", 0..18, HEIGHT - 1), ("loss:dev2@frame3", 36..HEIGHT, 0)] {
         let frames = render(&[fault]);

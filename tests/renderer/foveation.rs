@@ -129,7 +129,7 @@ fn render_scale_samples_its_square_and_keeps_mean() {
             let (frames, spp) = render(scale);
             let rays = |f: &[Frame]| f.iter().map(|f| f.report.tallies[0].rays).sum::<u64>();
             assert!(rays(&frames) < rays(&full));
-            let share = spp.left[0].iter().map(|s| f64::from(*s)).sum::<f64>() / f64::from(WIDTH * HEIGHT);
+            let share = spp.left()[0].iter().map(|s| f64::from(*s)).sum::<f64>() / f64::from(WIDTH * HEIGHT);
             // Samples are stratified, except at silhouettes, which are always sampled.
             assert!(share > scale * scale - 0.01 && share < scale * scale + 0.05, "{filter:?} {scale}: {share}");
             let (last, whole) = (&frames[7].linear, &full[7].linear);
@@ -210,7 +210,7 @@ fn denoiser_fills_unsampled_pixels_without_nan() {
             }
             // If the outer layer is not sampled at all, light reaches only as far as the filter.
             let reach = if unsampled_fraction < 1.0 { f64::INFINITY } else { 0.3 * f64::from(WIDTH) };
-            let is_dark = |i: usize| found.left.pixels[i] == [0.0; 3] && all.left.pixels[i] != [0.0; 3];
+            let is_dark = |i: usize| found.left().pixels[i] == [0.0; 3] && all.left().pixels[i] != [0.0; 3];
             let dark = (0..distances.len()).filter(|&i| distances[i] < reach && is_dark(i)).count();
             assert_eq!(dark, 0, "{gaze:?}, {unsampled_fraction}");
         }
@@ -228,7 +228,7 @@ fn rotating_mask_samples_each_pixel_in_three_frames() {
         let mut sampled = vec![0.0; (WIDTH * HEIGHT) as usize];
         for frame in 0..3 {
             stage.frame(frame);
-            sampled.iter_mut().zip(&stage.aov(0).left[0]).for_each(|(sum, spp)| *sum += spp);
+            sampled.iter_mut().zip(&stage.aov(0).left()[0]).for_each(|(sum, spp)| *sum += spp);
         }
         let never = sampled.iter().filter(|s| **s == 0.0).count();
         assert_eq!(never == 0, denoiser == Denoiser::SVGF, "{never} pixels were never sampled");
@@ -244,7 +244,7 @@ fn gaze_set_per_frame_applies_to_each_eye() {
         stage.set(move |params| params.gaze = later.unwrap_or(params.gaze));
         stage.frame(0);
         let spp = stage.aov(0);
-        [spp.left, spp.right]
+        spp.into_outer()
     };
     let expected = sampled(towards(0.25, 0.6), None);
     assert!(expected[0] != expected[1], "the eyes look to one place");

@@ -113,7 +113,7 @@ fn hold_against_rays(subject: &Subject) -> Errors {
     let aovs: Vec<_> = (0..4).map(|i| stage.aov(i)).collect();
     let exact = Exact::new(subject);
     let mut errors = Errors::default();
-    for eye in Eye::ALL {
+    for eye in Eye::BOTH {
         let view = subject.rig.view(0.0, eye);
         let planes = |i: usize| aovs[i].of(eye);
         for pixel in 0..EXTENT.area() {
@@ -186,9 +186,9 @@ fn base_diffuse_and_specular_colours_are_exact() {
         settings.buffers.aovs = vec![Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo];
         let mut stage = Stage::alone(&subject, &settings);
         stage.frame(0);
-        let planes: Vec<_> = (0..3).map(|i| stage.aov(i).left).collect();
+        let planes: Vec<_> = (0..3).map(|i| stage.aov(i).into_left()).collect();
         let exact = Exact::new(&subject);
-        let view = subject.rig.view(0.0, Eye::Left);
+        let view = subject.rig.view(0.0, Eye::LEFT);
         let value_at =
             |i: usize, pixel: usize| DVec3::from_array(std::array::from_fn(|c| f64::from(planes[i][c][pixel])));
         let mut compared = 0;

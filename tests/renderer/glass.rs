@@ -29,7 +29,7 @@ fn rendered(scene: &Scene, settings: impl Fn(&mut RunConfig)) -> RgbImage {
     let mut chosen = subject.settings(SIZE, SIZE);
     chosen.envelope.most.bounces = 1;
     settings(&mut chosen);
-    Stage::alone(&subject, &chosen).frame(0).linear.left
+    Stage::alone(&subject, &chosen).frame(0).linear.into_left()
 }
 
 /// Returns the light of a floor with panes of these materials above it, relative to the floor without panes, in red,
@@ -164,10 +164,10 @@ fn dark_glass_sheds_no_light_on_its_surroundings() {
     };
     let mut thorough = subject.settings(width, height);
     thorough.envelope.most.spp = 256.into();
-    let expected = beside(Stage::alone(&subject, &thorough).frame(0).linear.left);
+    let expected = beside(Stage::alone(&subject, &thorough).frame(0).linear.into_left());
     let mut stage = Stage::alone(&subject, &subject.accumulated(width, height));
     for index in 0..12 {
-        let found = beside(stage.frame(index).linear.left);
+        let found = beside(stage.frame(index).linear.into_left());
         let off = found.iter().zip(&expected).map(|(found, expected)| found / expected - 1.0).fold(0.0, f32::max);
         assert!(off < 0.08, "frame {index}: a pixel beside the pane is {off} times too bright");
     }

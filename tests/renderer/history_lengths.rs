@@ -3,7 +3,7 @@
 use crate::common::{Stage, Subject, still_rig, with};
 use crate::reference::scenes::{add_matte, empty, place, quad};
 use crate::same_bytes::assert_same;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::passes::Aov;
 use diptych::quality::{Denoiser, Filter};
 use diptych::scene::rig::RigKey;
@@ -42,13 +42,13 @@ fn settings(subject: &Subject, aovs: &[Aov]) -> RunConfig {
 }
 
 /// Returns the auxiliary images of the frame after `frames` frames at rest and a step to the right.
-fn after_the_step(subject: &Subject, settings: &RunConfig, frames: u32) -> Vec<Stereo<Vec<f32>>> {
+fn after_the_step(subject: &Subject, settings: &RunConfig, frames: u32) -> Vec<PerView<Vec<f32>>> {
     let mut stage = Stage::alone(subject, settings);
     (0..frames).for_each(|i| drop(stage.frame(i)));
     stage.frame_at(1.0, frames);
     let mut plane = |i| {
-        let Stereo { left, right } = stage.aov(i);
-        Stereo { left: left[0].clone(), right: right[0].clone() }
+        let [left, right] = stage.aov(i).into_outer();
+        PerView::both(left[0].clone(), right[0].clone())
     };
     (0..settings.buffers.aovs.len()).map(&mut plane).collect()
 }
@@ -65,7 +65,7 @@ fn history_of_a_still_camera_counts_its_frames() {
         for i in 0..4 {
             stage.frame(i);
             let [counts, depths] = [stage.aov(0), stage.aov(1)];
-            for (counts, depths) in [(&counts.left[0], &depths.left[0]), (&counts.right[0], &depths.right[0])] {
+            for (counts, depths) in [(&counts.left()[0], &depths.left()[0]), (&counts.right()[0], &depths.right()[0])] {
                 let expected = ((i + 1) * per_frame) as f32;
                 let surfaces: Vec<usize> = (0..depths.len()).filter(|&p| depths[p] > 0.0).collect();
                 let equal = surfaces.iter().filter(|&&p| counts[p] == expected).count();
@@ -85,7 +85,7 @@ fn disoccluded_pixels_have_one_frame_of_history() {
     let subject = board();
     let found = after_the_step(&subject, &settings(&subject, &[Aov::History, Aov::Depth]), FRAMES);
     let [counts, depths] = &found[..] else { panic!("two images") };
-    for (eye, counts, depths) in [("left", &counts.left, &depths.left), ("right", &counts.right, &depths.right)] {
+    for (eye, counts, depths) in [("left", counts.left(), depths.left()), ("right", counts.right(), depths.right())] {
         let row = HEIGHT / 2 * WIDTH;
         let is_board = |x: &usize| depths[row + *x] < 0.5 * (BOARD + WALL);
         let right_of_board = (0..WIDTH).filter(is_board).max().unwrap() + 1;
@@ -110,20 +110,20 @@ fn right_eye_has_the_history_of_the_light_it_shows() {
     let own = after_the_step(&subject, &with(settings, |config| config.filter_once = false), 3);
     let [counts, depths, holes] = &taken_over[..] else { panic!("three images") };
     let (mut compared, mut differing) = (0, 0);
-    for at in (0..WIDTH * HEIGHT).filter(|&at| holes.right[at] == 0.0) {
-        let disparity = if depths.right[at] < 0.5 * (BOARD + WALL) { 6 } else { 2 };
+    for at in (0..WIDTH * HEIGHT).filter(|&at| holes.right()[at] == 0.0) {
+        let disparity = if depths.right()[at] < 0.5 * (BOARD + WALL) { 6 } else { 2 };
         if at % WIDTH + disparity < WIDTH {
-            assert_eq!(counts.right[at], counts.left[at + disparity], "column {}", at % WIDTH);
+            assert_eq!(counts.right()[at], counts.left()[at + disparity], "column {}", at % WIDTH);
             compared += 1;
-            differing += usize::from(own[0].right[at] != counts.right[at]);
+            differing += usize::from(own[0].right()[at] != counts.right()[at]);
         }
     }
     assert!(compared > WIDTH * HEIGHT / 2, "{compared} pixels are reprojected");
     assert!(differing > 50, "only {differing} pixels would have another count of their own");
     // Holes keep the right eye's count.
-    let filled: Vec<usize> = (0..WIDTH * HEIGHT).filter(|&at| holes.right[at] > 0.0).collect();
+    let filled: Vec<usize> = (0..WIDTH * HEIGHT).filter(|&at| holes.right()[at] > 0.0).collect();
     assert!(filled.len() > 50, "{} holes", filled.len());
-    assert!(filled.iter().all(|&at| counts.right[at] == own[0].right[at]), "holes have another count");
+    assert!(filled.iter().all(|&at| counts.right()[at] == own[0].right()[at]), "holes have another count");
 }
 
 /// The image has the same bytes on any number of devices, and a frame is the same with and without it.
@@ -140,9 +140,9 @@ fn same_bytes_of_history_lengths_on_three_devices() {
     let [counts, counts_on_three] = [counts, counts_on_three].map(Option::unwrap);
     assert_same("three devices", &alone, &on_three);
     assert_same("without the auxiliary image", &frames(1, &[]).0, &alone);
-    assert!(counts.left == counts_on_three.left, "the left eye's history lengths differ");
-    assert!(counts.right == counts_on_three.right, "the right eye's history lengths differ");
-    for counts in [&counts.left[0], &counts.right[0]] {
+    assert!(counts.left() == counts_on_three.left(), "the left eye's history lengths differ");
+    assert!(counts.right() == counts_on_three.right(), "the right eye's history lengths differ");
+    for counts in [&counts.left()[0], &counts.right()[0]] {
         assert!([1.0, 4.0].iter().all(|n| counts.iter().filter(|count| *count == n).count() > 20), "too few pixels");
     }
 }

@@ -174,7 +174,7 @@ fn vectors(stage: &mut Stage, i: usize) -> Vec<Vec3> {
         let [x, y, z] = [channel(0), channel(1), channel(2)];
         (0..x.len()).map(|p| Vec3::new(x[p], y[p], z[p])).collect::<Vec<_>>()
     };
-    [of(&aov.left), of(&aov.right)].concat()
+    [of(aov.left()), of(aov.right())].concat()
 }
 
 #[test]
@@ -236,9 +236,9 @@ fn instanced_images_match_flattened_scenes() {
             Stage::alone(&subject, &settings).frame(0).linear
         };
         let (flat, shared) = (render(Layout::Flat), render(Layout::TwoLevel));
-        for (a, b) in [(&flat.left, &shared.left), (&flat.right, &shared.right)] {
+        for (a, b) in [(flat.left(), shared.left()), (flat.right(), shared.right())] {
             let between = psnr(a, b);
-            let noise = psnr(&flat.left, &flat.right);
+            let noise = psnr(flat.left(), flat.right());
             println!("moved by {by}, lamps {has_lamps}: {between:.1} dB; {noise:.1} dB between two of flat");
             assert!(between > bound_db && between > noise + 20.0, "moved by {by}: {between} dB, noise {noise} dB");
             assert!((mean(a) / mean(b) - 1.0).abs() < 2e-4, "moved by {by}: {} and {}", mean(a), mean(b));
@@ -269,7 +269,7 @@ fn no_light_leaks_into_a_closed_instance() {
         settings.envelope.most.spp = spp.into();
         let frame = Stage::alone(&subject, &settings).frame(0);
         assert!(frame.report.tallies[0].rays > 4 * u64::from(spp) * extent.area() as u64, "paths end early");
-        for image in [&frame.linear.left, &frame.linear.right] {
+        for image in frame.linear.outer() {
             let leaks = image.pixels.iter().filter(|p| **p != [0.0; 3]).count();
             assert_eq!(leaks, 0, "pixels to which light leaks, scale {scale}");
         }

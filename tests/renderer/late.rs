@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::common::{Frame, Stage, Subject, project};
 use diptych::RunConfig;
-use diptych::exec::{PoseSource, Stereo, TimedTask};
+use diptych::exec::{PerView, PoseSource, TimedTask};
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
 use diptych::passes::Display;
@@ -39,7 +39,7 @@ fn shown_from(
     index: u32,
     devices: usize,
     (subject, settings): &(Subject, RunConfig),
-) -> Stereo<RgbImage> {
+) -> PerView<RgbImage> {
     let mut stage = Stage::even(subject, settings, devices);
     stage.set(|params| params.shown_from = Some(subject.rig.at(later_s)));
     stage.frame(index).linear
@@ -71,9 +71,10 @@ fn corrects(seen: &(Subject, RunConfig), [by_db, flip_share]: [f64; 2], counts: 
     };
     let corrected = shown_from(1.0, 0, 1, seen);
     let [right, late] = [1.0, 0.0].map(rendered_at);
-    for (eye, right, late, corrected) in
-        [("left", &right.left, &late.left, &corrected.left), ("right", &right.right, &late.right, &corrected.right)]
-    {
+    for (eye, right, late, corrected) in [
+        ("left", right.left(), late.left(), corrected.left()),
+        ("right", right.right(), late.right(), corrected.right()),
+    ] {
         let errors = |image| Pair::new(right, image, 0.0).unwrap().errors();
         let [late, corrected] = [errors(late), errors(corrected)];
         println!("{eye}: {} and {} dB, FLIP {} and {}", late.psnr, corrected.psnr, late.flip, corrected.flip);

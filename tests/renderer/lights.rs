@@ -19,7 +19,7 @@ fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {
     settings.sampler = Sampler::Pcg;
     settings.envelope.most.spp = spp.into();
     let mut stage = Stage::alone(subject, &settings);
-    let frames: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    let frames: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| eyes.into_outer()).collect();
     mean_and_variance(&frames)
 }
 
@@ -62,7 +62,7 @@ fn many_lamps(scale: f32) -> (Scene, Pinhole) {
 fn many_lamps_of_every_kind_are_unbiased() {
     let (scene, camera) = many_lamps(1.0);
     let subject = seen((scene, camera));
-    let view = subject.rig.view(0.0, diptych::scene::rig::Eye::Left);
+    let view = subject.rig.view(0.0, diptych::scene::rig::Eye::LEFT);
     let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
     let reference = Reference::new(&subject.scene).with_emitters(Emitters::Sampled);
     for bounces in if is_thorough() { 1..=3 } else { 3..=3 } {
@@ -115,7 +115,7 @@ fn one_texel_sun_has_little_noise_and_correct_power() {
     settings.envelope.most.bounces = 1;
     settings.sampler = Sampler::Pcg;
     settings.envelope.most.spp = 16.into();
-    let image = Stage::alone(&subject, &settings).frame(0).linear.left;
+    let image = Stage::alone(&subject, &settings).frame(0).linear.into_left();
     let values: Vec<f64> = image.pixels.iter().map(|p| f64::from(p[0])).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let rmse = (values.iter().map(|v| (v - expected).powi(2)).sum::<f64>() / values.len() as f64).sqrt();

@@ -37,4 +37,5 @@ mod temporal;
 mod textures;
 mod traversal;
 mod unbiased;
+mod views;
 mod watertight;

@@ -8,7 +8,7 @@ use crate::reference::scenes::{
 };
 use crate::reference::scenes::{scaled_at, studio};
 use diptych::RunConfig;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::graph::Resource;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::{self, Errors};
@@ -216,7 +216,7 @@ fn reference(subject: &Subject, is_moving: bool) -> [RgbImage; 2] {
     (settings.seed, settings.envelope.most.spp, settings.envelope.most.bounces) = (99, 16.into(), BOUNCES);
     let mut stage = Stage::alone(subject, &settings);
     let parts = (0..PARTS).map(|index| stage.frame_at(time_s(FRAMES - 1, is_moving), index).linear);
-    let parts: Vec<_> = parts.map(|eyes| [within(&eyes.left), within(&eyes.right)]).collect();
+    let parts: Vec<_> = parts.map(|eyes| [within(eyes.left()), within(eyes.right())]).collect();
     [0, 1].map(|eye| {
         let mean = |i: usize| [0, 1, 2].map(|c| parts.iter().map(|p| p[eye].pixels[i][c]).sum::<f32>() / PARTS as f32);
         let extent = parts[0][eye].extent;
@@ -230,7 +230,7 @@ fn errors(subject: &Subject, reference: &[RgbImage; 2], settings: &RunConfig, is
     let frames = (0..FRAMES).map(|index| stage.frame_at(time_s(index, is_moving), index).linear);
     let found = frames.last().expect("there are frames");
     let compare = |expected: &RgbImage, found: &RgbImage| metrics::compare(expected, &within(found)).unwrap();
-    [compare(&reference[0], &found.left), compare(&reference[1], &found.right)]
+    [compare(&reference[0], found.left()), compare(&reference[1], found.right())]
 }
 
 /// Asserts that mirrors and panes show as much as the opening, the last of the rooms, and more than if they are not
@@ -333,7 +333,7 @@ fn right_eye_reuses_light_in_plane_mirrors() {
         (settings.follow_mirrors, settings.buffers.aovs) = (follow_mirrors, vec![Aov::Holes]);
         let mut stage = Stage::alone(&subject, &settings);
         stage.frame(0);
-        stage.aov(0).right[0].iter().map(|reason| *reason != 0.0).collect::<Vec<_>>()
+        stage.aov(0).right()[0].iter().map(|reason| *reason != 0.0).collect::<Vec<_>>()
     };
     let count = |holes: &[bool]| holes.iter().filter(|is_hole| **is_hole).count();
     let [mirror, opening] = [Wall::Mirror, Wall::Opening].map(|wall| holes(wall, true));

@@ -35,8 +35,8 @@ impl Policy for Ragged {
         self.frame += 1;
         let mut assignment = Assignment::uniform(Stripes::even(HEIGHT, self.devices));
         for (i, group) in [WRITES, READS].into_iter().enumerate() {
-            for eye in Eye::ALL {
-                let weight = |d: usize| 1.0 + ((d * 3 + i * 2 + self.frame as usize + eye as usize) % 4) as f64;
+            for eye in Eye::BOTH {
+                let weight = |d: usize| 1.0 + ((d * 3 + i * 2 + self.frame as usize + eye.index()) % 4) as f64;
                 let weights: Vec<f64> = (0..self.devices).map(weight).collect();
                 assignment.set(group, eye, Stripes::from_weights(HEIGHT, &weights).expect("weights are above 0"));
             }
@@ -58,7 +58,7 @@ fn check(
 ) {
     let subject = Subject::load("builtin:cornell");
     let declare = move |spec: &FrameSpec| {
-        let mut all: Vec<Pass> = Eye::ALL.into_iter().flat_map(|view| passes(spec, view)).collect();
+        let mut all: Vec<Pass> = Eye::BOTH.into_iter().flat_map(|view| passes(spec, view)).collect();
         all.sort_by_key(|p| p.scope == Scope::View);
         let devices_own = all.iter().filter(|p| p.scope == Scope::Device).count() / 2;
         all.drain(..devices_own);
@@ -78,7 +78,7 @@ fn check(
             let params = bench.params(0.0, frame);
             bench.renderer().render(&params).unwrap();
             let found = bench.renderer().read_output(OUT).unwrap();
-            for (eye, bytes) in [(0, found.left), (1, found.right)] {
+            for (eye, bytes) in [(0, found.left()), (1, found.right())] {
                 let found: &[u32] = bytemuck::cast_slice(&bytes);
                 for (i, value) in (0..).zip(found) {
                     let (x, y) = (i % WIDTH, i / WIDTH);

@@ -2,7 +2,7 @@
 
 use crate::common::{Subject, still_rig};
 use crate::reference::Pinhole;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::RgbImage;
 use diptych::scene::Scene;
 use diptych::scene::rig::Rig;
@@ -22,8 +22,8 @@ pub fn seen_apart((scene, camera): (Scene, Pinhole)) -> Subject {
     Subject::new(&scene.name.clone(), scene, rig)
 }
 
-pub fn eyes<T>(both: &Stereo<T>) -> [&T; 2] {
-    [&both.left, &both.right]
+pub fn eyes<T>(both: &PerView<T>) -> [&T; 2] {
+    both.outer()
 }
 
 /// Returns the mean of all channels of all pixels.

@@ -29,7 +29,7 @@ fn assert_learned(costs: &CostModel, report: &FrameReport) {
         let TimedTask::Gpu(stage) = task.kind else { continue };
         let mut passes = report.program.passes().iter().map(|linked| &linked.pass);
         let pass = passes.find(|pass| (pass.stage, pass.view) == (stage, task.view)).unwrap();
-        let sum = sums.entry((task.device, task.view == Eye::Right, stage.name())).or_default();
+        let sum = sums.entry((task.device, task.view == Eye::RIGHT, stage.name())).or_default();
         sum[0] += task.end_ms - task.begin_ms;
         sum[1] += costs.pass_ms(pass, task.device, &task.rows);
     }

@@ -109,13 +109,13 @@ fn cached_frames_keep_the_mean_and_the_error() {
         let subject = Subject::load(name);
         let mut reference = subject.settings(WIDTH, HEIGHT);
         (reference.seed, reference.envelope.most.spp) = (99, 64.into());
-        let reference = Stage::alone(&subject, &reference).frame(0).linear.left;
+        let reference = Stage::alone(&subject, &reference).frame(0).linear.into_left();
         let [off, on] = [false, true].map(|cache| {
             let mut stage = Stage::alone(&subject, &settings(&subject, cache));
             let frames: Vec<Frame> = (0..FRAMES as u32).map(|i| stage.frame(i)).collect();
             let late = &frames[FRAMES / 2..];
-            let means = late.iter().map(|frame| mean(&frame.linear.left)).sum::<f64>();
-            let error = |frame: &Frame| metrics::compare(&reference, &frame.linear.left).unwrap().relmse;
+            let means = late.iter().map(|frame| mean(frame.linear.left())).sum::<f64>();
+            let error = |frame: &Frame| metrics::compare(&reference, frame.linear.left()).unwrap().relmse;
             let errors = late.iter().map(error).sum::<f64>();
             (means, errors, rays(&frames[FRAMES - 1]))
         });
@@ -167,7 +167,7 @@ fn cells_keep_the_light_of_tiles() {
         let [off, on] = [false, true].map(|cache| {
             let mut stage = Stage::alone(&subject, &settings(&subject, cache));
             let frames: Vec<Frame> = (0..2 * FRAMES as u32).map(|i| stage.frame(i)).collect();
-            let pixels = frames[FRAMES..].iter().flat_map(|frame| &frame.linear.left.pixels);
+            let pixels = frames[FRAMES..].iter().flat_map(|frame| &frame.linear.left().pixels);
             let light = pixels.map(|pixel| DVec3::from_array(pixel.map(f64::from))).sum::<DVec3>();
             (light, rays(&frames[frames.len() - 1]))
         });
@@ -194,7 +194,7 @@ fn no_light_leaks_through_a_wall() {
     let sides = |cache: bool| {
         let mut stage = Stage::alone(&subject, &settings(&subject, cache));
         let frames: Vec<Frame> = (0..2 * FRAMES as u32).map(|i| stage.frame(i)).collect();
-        let image = &frames[frames.len() - 1].linear.left;
+        let image = frames[frames.len() - 1].linear.left();
         let half = |is_left: bool| {
             let pixels = image.pixels.iter().enumerate();
             let side = pixels.filter(|(i, _)| ((*i as u32 % WIDTH) < WIDTH / 2) == is_left);

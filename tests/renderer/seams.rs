@@ -2,7 +2,7 @@
 
 use crate::common::{Stage, Subject, sampled, with};
 use crate::pictures::eyes;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::graph::Seam;
 use diptych::image::RgbImage;
 use diptych::quality::{Denoiser, Filter};
@@ -14,8 +14,8 @@ const HALO_ROWS: u32 = 62;
 const EDGES: [u32; 2] = [160, 320];
 
 struct Images {
-    one: Stereo<RgbImage>,
-    three: Stereo<RgbImage>,
+    one: PerView<RgbImage>,
+    three: PerView<RgbImage>,
 }
 
 fn render(subject: &Subject, seam: Seam) -> Images {
@@ -69,7 +69,7 @@ fn fewer_iterations_make_a_narrower_halo() {
     settings.envelope.most.filter = Some(Filter::new(Denoiser::ATROUS, 2));
     let one = Stage::even(&subject, &settings, 1).frame(0).linear;
     let two = Stage::even(&subject, &settings, 2).frame(0).linear;
-    for (one, two) in [(&one.left, &two.left), (&one.right, &two.right)] {
+    for (one, two) in [(one.left(), two.left()), (one.right(), two.right())] {
         let rows = rows_that_differ(one, two);
         assert!(!rows.is_empty() && rows.iter().all(|r| (54..66).contains(r)), "{rows:?}");
     }
@@ -86,7 +86,7 @@ fn seam_filter_reduces_the_jump() {
             assert!(after < 0.9 * before, "{shot}, eye {eye}: the jump went from {before} to {after}");
         }
         // One device has no seams, so nothing is smoothed.
-        assert!(smoothed.one.left == apart.one.left && smoothed.one.right == apart.one.right);
+        assert!(smoothed.one.left() == apart.one.left() && smoothed.one.right() == apart.one.right());
     }
 }
 
@@ -94,7 +94,7 @@ fn seam_filter_reduces_the_jump() {
 fn seam_filter_changes_only_rows_at_the_seam() {
     let subject = Subject::load("builtin:checker");
     let [apart, smoothed] = [Seam::None, Seam::Filter].map(|seam| render(&subject, seam).three);
-    for (a, b) in [(&apart.left, &smoothed.left), (&apart.right, &smoothed.right)] {
+    for (a, b) in [(apart.left(), smoothed.left()), (apart.right(), smoothed.right())] {
         let rows = rows_that_differ(a, b);
         let is_near = |row: &u32| EDGES.iter().any(|&e| (e - 4..e + 4).contains(row));
         assert!(!rows.is_empty() && rows.iter().all(is_near), "{rows:?}");

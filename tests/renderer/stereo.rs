@@ -18,10 +18,10 @@ fn reprojected_eye_matches_a_traced_one() {
     let traced = Stage::alone(&subject, &settings).frame(0);
     settings.buffers.reproject = true;
     let reprojected = Stage::alone(&subject, &settings).frame(0);
-    assert!(traced.linear.left == reprojected.linear.left);
-    assert!(traced.linear.right != reprojected.linear.right);
+    assert!(traced.linear.left() == reprojected.linear.left());
+    assert!(traced.linear.right() != reprojected.linear.right());
     assert!((0.001..0.5).contains(&reprojected.hole_fraction()), "{}", reprojected.hole_fraction());
-    let found = compare(&traced.linear.right, &reprojected.linear.right).unwrap();
+    let found = compare(traced.linear.right(), reprojected.linear.right()).unwrap();
     println!("holes {:.3}\n{found}", reprojected.hole_fraction());
     assert!(found.psnr >= 40.0, "{found}");
     assert!((found.mean_ratio.unwrap() - 1.0).abs() < 0.005, "{found}");
@@ -36,10 +36,10 @@ fn reprojected_specular_surfaces_match_traced_ones() {
         let subject = seen_apart(materials::named(name));
         let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 3);
         settings.envelope.most.spp = 256.into();
-        let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
+        let traced = Stage::alone(&subject, &settings).frame(0).linear.into_right();
         settings.buffers.reproject = true;
         let frame = Stage::alone(&subject, &settings).frame(0);
-        let found = compare(&traced, &frame.linear.right).unwrap();
+        let found = compare(&traced, frame.linear.right()).unwrap();
         let mean = found.mean_ratio.unwrap();
         println!("{name}: holes {:.3}, PSNR {:.1} dB, mean {mean:.4}", frame.hole_fraction(), found.psnr);
         assert!(frame.hole_fraction() < 0.5, "{name}: {} are holes", frame.hole_fraction());
@@ -70,15 +70,15 @@ fn eyes_without_a_baseline_see_equal_images() {
         settings.buffers.reproject = true;
         let frame = Stage::alone(&subject, &settings).frame(0);
         assert!(frame.hole_fraction() < 0.001, "{shot}: {} are holes", frame.hole_fraction());
-        let found = compare(&frame.linear.left, &frame.linear.right).unwrap();
+        let found = compare(frame.linear.left(), frame.linear.right()).unwrap();
         assert!(found.psnr > 60.0, "{shot}: reprojection onto itself\n{found}");
 
         settings.buffers.reproject = false;
         settings.envelope.most.spp = 16.into();
         let mut stage = Stage::alone(&subject, &settings);
         let frames: Vec<_> = (0..8).map(|i| stage.frame(i).linear).collect();
-        let lefts: Vec<_> = frames.iter().map(|f| f.left.clone()).collect();
-        let rights: Vec<_> = frames.iter().map(|f| f.right.clone()).collect();
+        let lefts: Vec<_> = frames.iter().map(|f| f.left().clone()).collect();
+        let rights: Vec<_> = frames.iter().map(|f| f.right().clone()).collect();
         assert!(lefts[0] != rights[0], "{shot}: the eyes share their random numbers");
         assert_agrees(shot, &mean_and_variance(&lefts), &mean_and_variance(&rights), 0.06);
     }
@@ -90,17 +90,17 @@ fn same_bytes_in_holes_as_in_a_traced_eye() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.settings(128, 72);
     settings.buffers.aovs = vec![Aov::Holes];
-    let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
+    let traced = Stage::alone(&subject, &settings).frame(0).linear.into_right();
     settings.buffers.reproject = true;
     let mut stage = Stage::alone(&subject, &settings);
     let reprojected = stage.frame(0);
-    let holes = stage.aov(0).right;
+    let holes = stage.aov(0).into_right();
     let filled: Vec<usize> = (0..traced.pixels.len()).filter(|&i| holes[0][i] > 0.0).collect();
     let counted: u64 = reprojected.report.tallies[1].holes.iter().sum();
     assert_eq!(filled.len() as u64, counted);
     assert!(filled.len() > 100, "{} holes", filled.len());
     for i in filled {
-        let (found, expected) = (reprojected.linear.right.pixels[i], traced.pixels[i]);
+        let (found, expected) = (reprojected.linear.right().pixels[i], traced.pixels[i]);
         assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "pixel {i}");
     }
 }
@@ -131,8 +131,8 @@ fn near_object_has_the_expected_disparity() {
     let mut stage = Stage::alone(&subject, &settings);
     stage.frame(0);
     let depth = stage.aov(0);
-    let (left_x, left_y) = middle_of_near(&depth.left[0], width as usize, 10.0);
-    let (right_x, right_y) = middle_of_near(&depth.right[0], width as usize, 10.0);
+    let (left_x, left_y) = middle_of_near(&depth.left()[0], width as usize, 10.0);
+    let (right_x, right_y) = middle_of_near(&depth.right()[0], width as usize, 10.0);
     // Disparity is focal length in pixels times baseline over distance.
     let disparity = 0.5 * f64::from(height) / 0.5 * 0.2 / 2.0;
     assert!((left_x - right_x - disparity).abs() < 0.6, "{left_x} - {right_x} is not {disparity}");

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use diptych::exec::{BuildError, ExecError, FrameReport, Stereo};
+use diptych::exec::{BuildError, ExecError, FrameReport, PerView};
 use diptych::image::RgbImage;
 use diptych::quality::Quality;
 use diptych::{LoadedScene, Renderer};
@@ -14,8 +14,8 @@ fn renderer(scene: &LoadedScene, spp: u32, devices: usize, flag: &Arc<AtomicBool
     Renderer::builder(scene).size(48, 32).quality(quality).devices(devices).stop(Arc::clone(flag)).build()
 }
 
-fn mean(images: &Stereo<RgbImage>) -> f64 {
-    let pixels = images.left.pixels.iter().chain(&images.right.pixels);
+fn mean(images: &PerView<RgbImage>) -> f64 {
+    let pixels = images.left().pixels.iter().chain(&images.right().pixels);
     let all: Vec<f64> = pixels.flatten().map(|c| f64::from(*c)).collect();
     assert!(all.iter().all(|c| c.is_finite()));
     all.iter().sum::<f64>() / all.len() as f64

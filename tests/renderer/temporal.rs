@@ -3,7 +3,7 @@
 use crate::common::{Stage, Subject, is_thorough, still_rig, with, with_outputs};
 use crate::reference::scenes::{add_matte, empty, place, quad};
 use diptych::RunConfig;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::graph::Resource;
 use diptych::image::{Image, RgbImage};
 use diptych::metrics::surfaces::{Sighting, Surfaces};
@@ -21,19 +21,19 @@ const HEIGHT: u32 = 64;
 const FPS: f64 = 72.0;
 
 /// Renders a reference with many samples spread over each pixel and independent random numbers.
-fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
+fn reference(subject: &Subject, time_s: f64, spp: u32) -> PerView<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.seed = 99;
     settings.envelope.most.spp = spp.into();
     Stage::alone(subject, &settings).frame_at(time_s, 0).linear
 }
 
-fn errors(reference: &Stereo<RgbImage>, found: &Stereo<RgbImage>) -> [Errors; 2] {
-    [(&reference.left, &found.left), (&reference.right, &found.right)].map(|(a, b)| metrics::compare(a, b).unwrap())
+fn errors(reference: &PerView<RgbImage>, found: &PerView<RgbImage>) -> [Errors; 2] {
+    [(reference.left(), found.left()), (reference.right(), found.right())].map(|(a, b)| metrics::compare(a, b).unwrap())
 }
 
 /// Renders `frames` frames along the camera's path; returns the last one.
-fn arrived(subject: &Subject, settings: &RunConfig, time_s: f64, frames: u32) -> Stereo<RgbImage> {
+fn arrived(subject: &Subject, settings: &RunConfig, time_s: f64, frames: u32) -> PerView<RgbImage> {
     let mut stage = Stage::alone(subject, settings);
     let at = |i: u32| time_s - f64::from(frames - 1 - i) / FPS;
     (0..frames - 1).for_each(|i| drop(stage.frame_at(at(i), i)));
@@ -106,7 +106,7 @@ fn frames_of_fewer_samples_keep_their_history() {
             stage.set(move |params| params.quality = quality);
             stage.frame(i);
         }
-        let moments = stage.renderer().read_output(Resource::image::<[u32; 4]>("moments")).unwrap().left;
+        let moments = stage.renderer().read_output(Resource::image::<[u32; 4]>("moments")).unwrap().into_left();
         let moments: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&moments);
         moments.iter().map(|m| f64::from(m[3] >> 24)).sum::<f64>() / moments.len() as f64
     };
@@ -179,9 +179,9 @@ fn disoccluded_wall_has_its_own_light() {
     let mut stage = Stage::alone(&subject, &settings);
     let mut frames = Vec::new();
     for i in 0..16 {
-        let linear = stage.frame_at(f64::from(i) / FPS, i).linear.left;
+        let linear = stage.frame_at(f64::from(i) / FPS, i).linear.into_left();
         let aov = |i: usize, stage: &mut Stage| {
-            let planes = stage.aov(i).left;
+            let planes = stage.aov(i).into_left();
             let value = |p: usize| std::array::from_fn(|c| planes.get(c).map_or(0.0, |plane| plane[p]));
             Image { extent: linear.extent, pixels: (0..linear.extent.area()).map(value).collect() }
         };
@@ -199,7 +199,7 @@ fn disoccluded_wall_has_its_own_light() {
     let mut stage = Stage::alone(&subject, &settings);
     for (i, pair) in (1..).zip(frames.windows(2)).skip(7) {
         let [(_, before), (linear, now)] = pair else { unreachable!("windows of two") };
-        let right = stage.frame_at(f64::from(i) / FPS, i).linear.left;
+        let right = stage.frame_at(f64::from(i) / FPS, i).linear.into_left();
         let is_new = |p: &usize, history: &[Sighting]| history[*p] == Sighting::Hidden;
         let history = now.history(before).unwrap();
         // Exclude surfaces that enter at the image's side.
@@ -256,7 +256,7 @@ fn slowly_turning_camera_causes_no_lag() {
         settings.envelope.most.filter = Some(Filter::new(Denoiser::SVGF, 1));
         let mut stage = Stage::alone(&subject, &settings);
         (0..frames - 1).for_each(|i| drop(stage.frame_at(f64::from(i) / f64::from(frames - 1), i)));
-        stage.frame_at(1.0, frames - 1).linear.left
+        stage.frame_at(1.0, frames - 1).linear.into_left()
     };
     let still = picture(0.0);
     let lags = speeds_px.iter().map(|&speed_px| {

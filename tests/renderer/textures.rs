@@ -49,7 +49,7 @@ fn settings(subject: &Subject, denoiser: Denoiser, filter_textures: bool) -> Run
 fn reference(subject: &Subject) -> RgbImage {
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
     settings.envelope.most.spp = 64.into();
-    Stage::alone(subject, &settings).frame(0).linear.left
+    Stage::alone(subject, &settings).frame(0).linear.into_left()
 }
 
 #[test]
@@ -64,7 +64,7 @@ fn distant_textures_are_averaged_over_pixels() {
         for denoiser in [Denoiser::SVGF, Denoiser::ATROUS] {
             let [filtered, sampled] = [true, false].map(|filter| {
                 let frame = Stage::alone(&subject, &settings(&subject, denoiser, filter)).frame(0);
-                metrics::compare(&expected, &frame.linear.left).unwrap()
+                metrics::compare(&expected, frame.linear.left()).unwrap()
             });
             let what =
                 format!("{}, {denoiser:?}: PSNR {:.2}, unfiltered {:.2} dB", subject.name, filtered.psnr, sampled.psnr);
@@ -96,7 +96,7 @@ fn distant_textures_in_polish_are_filtered() {
     let expected = lower(&reference(&subject));
     let [filtered, sampled] = [true, false].map(|filter| {
         let frame = Stage::alone(&subject, &settings(&subject, Denoiser::SVGF, filter)).frame(0);
-        metrics::compare(&expected, &lower(&frame.linear.left)).unwrap()
+        metrics::compare(&expected, &lower(frame.linear.left())).unwrap()
     });
     let mean_ratio = filtered.mean_ratio.expect("the reference has light");
     println!("PSNR {:.2}, unfiltered {:.2} dB, mean {mean_ratio:.4}", filtered.psnr, sampled.psnr);
@@ -122,7 +122,7 @@ fn transparent_texels_do_not_bleed_colour() {
         let black = add_material(&mut scene, Material { base_color: Vec3::ZERO.extend(1.0), ..matte() });
         place(&mut scene, ground(-0.1, black));
         let subject = subject("leaves", scene);
-        let frame = Stage::alone(&subject, &settings(&subject, Denoiser::ATROUS, true)).frame(0).linear.left;
+        let frame = Stage::alone(&subject, &settings(&subject, Denoiser::ATROUS, true)).frame(0).linear.into_left();
         // The lower half shows the floor alone.
         let floor = &frame.pixels[frame.pixels.len() / 2..];
         assert!(floor.iter().any(|p| p[0] > 0.1) && floor.iter().all(|p| p[1] <= 1e-6), "{alpha_mode:?}");
@@ -140,5 +140,5 @@ fn texture_filtering_spares_auxiliary_images() {
         stage.aov(0)
     };
     let [filtered, sampled] = [true, false].map(albedo);
-    assert!(filtered.left == sampled.left && filtered.right == sampled.right);
+    assert!(filtered.left() == sampled.left() && filtered.right() == sampled.right());
 }

@@ -46,8 +46,8 @@ fn see(subject: &Subject, traversal: TraversalChoice, times_s: &[f64]) -> Option
     settings.buffers.aovs = vec![Aov::Depth];
     let mut stage = Stage::on(vec![gpu], subject, &settings, Box::new(Even::new(EXTENT.height, 1)));
     let frames = (0..).zip(times_s).map(|(index, &time_s)| stage.frame_at(time_s, index));
-    let linear = frames.last()?.linear.left;
-    let depth = stage.aov(0).left.swap_remove(0);
+    let linear = frames.last()?.linear.into_left();
+    let depth = stage.aov(0).into_left().swap_remove(0);
     // This device must not go to tests that expect another traversal.
     drop(stage.into_devices());
     Some(Seen { linear, depth })

@@ -65,7 +65,7 @@ const SUN: Effort = Effort { samplers: &[Sampler::Sobol], bounces: &[1], resolut
 
 /// Returns the left eye of the subject's rig as the reference's camera.
 fn pinhole(subject: &Subject) -> Pinhole {
-    let View { origin, right, up, forward, tan_half_yfov, .. } = subject.rig.view(0.0, Eye::Left);
+    let View { origin, right, up, forward, tan_half_yfov, .. } = subject.rig.view(0.0, Eye::LEFT);
     Pinhole { origin, right, up, forward, tan_half_yfov }
 }
 
@@ -103,7 +103,7 @@ fn renders(subject: &Subject, time_s: f64, settings: &RunConfig, numbers: Range<
     assert_eq!(subject.rig.baseline_m, 0.0);
     let mut stage = Stage::alone(subject, settings);
     let frames = (numbers.start / 2..numbers.end / 2).map(|i| stage.frame_at(time_s, i as u32).linear);
-    let images = frames.flat_map(|eyes| [eyes.left, eyes.right]);
+    let images = frames.flat_map(|eyes| eyes.into_outer());
     images.map(|image| image.pixels.iter().map(|pixel| pixel.map(f64::from)).collect()).collect()
 }
 
@@ -267,7 +267,7 @@ fn zero_and_one_bounce_are_both_direct_light() {
     let subject = subject(matte::box_area_light());
     let render = |bounces| {
         let settings = with(subject.settings(48, 32), |config| config.envelope.most.bounces = bounces);
-        Stage::alone(&subject, &settings).frame(0).linear.left
+        Stage::alone(&subject, &settings).frame(0).linear.into_left()
     };
     assert!(render(0) == render(1));
     assert!(render(1) != render(2));
@@ -279,7 +279,7 @@ fn seeds_select_independent_random_numbers() {
     let subject = subject(matte::box_area_light());
     let render = |seed, index| {
         let settings = RunConfig { seed, ..subject.settings(48, 32) };
-        Stage::alone(&subject, &settings).frame(index).linear.left
+        Stage::alone(&subject, &settings).frame(index).linear.into_left()
     };
     let [first, again, other, later] = [(1, 0), (1, 0), (2, 0), (1, 1)].map(|(seed, index)| render(seed, index));
     assert!(first == again);

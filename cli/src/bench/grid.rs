@@ -9,7 +9,7 @@ use crate::report::bench::{ERROR, Measured, SettingRow, Timed};
 use crate::report::frames::FrameLine;
 use crate::report::run::FrameRow;
 use diptych::exec::ranks::Devices;
-use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::exec::{FrameReport, PerView, Renderer};
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 use diptych::quality::{Denoiser, Quality};
@@ -157,7 +157,7 @@ impl<'a> Grid<'a> {
 
     /// Renders the frames of a setting again without recording them in the trace. Returns the report and the linear
     /// image of the last frame.
-    pub fn show(&self, setting: &Quality) -> Result<(FrameReport, Stereo<RgbImage>), Failure> {
+    pub fn show(&self, setting: &Quality) -> Result<(FrameReport, PerView<RgbImage>), Failure> {
         let (mut renderer, _) = self.renderer(setting)?;
         let last = self.args.frames_of(setting) - 1;
         for i in 0..last {

@@ -4,7 +4,7 @@
 use crate::report::bench::{KindColumns, Measured, Repeat, SeenErrors, Timed};
 use crate::report::frames::FrameLine;
 use crate::report::run::FrameRow;
-use diptych::exec::{FrameReport, Stereo};
+use diptych::exec::{FrameReport, PerView};
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 use diptych::metrics::Pair;
@@ -17,9 +17,9 @@ use crate::failure::Failure;
 
 /// Pairs the image of each eye with its reference. `right` holds the references of both eyes: the right (correct)
 /// images, not those of the right eye.
-pub fn pairs(loaded: &LoadedScene, right: &Stereo<RgbImage>, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
+pub fn pairs(loaded: &LoadedScene, right: &PerView<RgbImage>, image: &PerView<RgbImage>) -> Result<[Pair; 2], Failure> {
     let exposure_ev = loaded.shot.exposure_ev;
-    Ok([Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?])
+    Ok([Pair::new(right.left(), image.left(), exposure_ev)?, Pair::new(right.right(), image.right(), exposure_ev)?])
 }
 
 pub struct Judge<'a> {
@@ -39,7 +39,7 @@ impl<'a> Judge<'a> {
     }
 
     /// Adds the next frame: its report, its row for frames.csv and its linear image.
-    pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &Stereo<RgbImage>) -> Result<(), Failure> {
+    pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &PerView<RgbImage>) -> Result<(), Failure> {
         let pairs = pairs(self.loaded, &self.reference.images, image)?;
         let mut eyes = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
         for (e, map) in self.reference.kinds.iter().flatten().enumerate() {
@@ -51,11 +51,11 @@ impl<'a> Judge<'a> {
         }
         let [left, right] = eyes;
         let change = |[left, right]: &[Pair; 2]| -> Result<_, Failure> {
-            Ok(Stereo { left: pairs[0].change_at_rest(left)?, right: pairs[1].change_at_rest(right)? })
+            Ok(PerView::both(pairs[0].change_at_rest(left)?, pairs[1].change_at_rest(right)?))
         };
         let change = self.before.as_ref().map(change).transpose()?;
         let timed = Timed::new(frame, FrameLine::from(row));
-        self.repeats.push(Repeat { timed, errors: Stereo { left, right }, change });
+        self.repeats.push(Repeat { timed, errors: PerView::both(left, right), change });
         self.before = Some(pairs);
         Ok(())
     }

@@ -14,7 +14,7 @@ use crate::report::peers::{self, Peer};
 use crate::report::pictures::{Group, Picture, viewer};
 use diptych::control::Ladder;
 use diptych::device::DeviceInfo;
-use diptych::exec::{FrameReport, Stereo};
+use diptych::exec::{FrameReport, PerView};
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 use diptych::metrics::kinds::Kind;
@@ -31,7 +31,7 @@ use crate::page;
 /// A setting on the Pareto front, rendered again for its picture and for the timeline of its tasks.
 struct Seen {
     name: String,
-    linear: Stereo<RgbImage>,
+    linear: PerView<RgbImage>,
     frame: FrameReport,
 }
 

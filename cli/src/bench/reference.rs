@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use diptych::accumulation::{Noise, hash_of};
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::frame::Sampler;
 use diptych::frame::settings::Settings;
 use diptych::image::{RgbImage, exr};
@@ -27,9 +27,9 @@ const SEED: u32 = 0x5eed_0001;
 
 /// Ground-truth images, up to their noise.
 pub struct Reference {
-    pub images: Stereo<RgbImage>,
+    pub images: PerView<RgbImage>,
     /// Noise of a rendered reference; `None` for supplied images.
-    pub noise: Option<Stereo<Noise>>,
+    pub noise: Option<PerView<Noise>>,
     /// Origin of the images in words, for reports.
     pub origin: String,
     /// Kinds of each eye's pixels, if errors by kind are wanted.
@@ -56,8 +56,8 @@ pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> 
         }
         Ok(image)
     };
-    let images = Stereo { left: read("left.exr")?, right: read("right.exr")? };
-    let key = [&images.left, &images.right].map(|image| hash_of(bytemuck::cast_slice(&image.pixels)));
+    let images = PerView::both(read("left.exr")?, read("right.exr")?);
+    let key = [images.left(), images.right()].map(|image| hash_of(bytemuck::cast_slice(&image.pixels)));
     let origin = format!("{}; its noise is unknown, and errors below it mean nothing", folder.display());
     Ok(Reference { images, noise: None, origin, kinds: None, in_right: None, key: key.join(" ") })
 }
@@ -132,8 +132,8 @@ pub fn own(
         };
     let images = accumulation.mean();
     let tags = output::tags(&loaded.shot.rig, loaded.shot.exposure_ev, options.settings.size, plan.time_s(0), 0);
-    exr::write_tagged_rgb(&folder.join("left.exr"), &images.left, &tags.left)?;
-    exr::write_tagged_rgb(&folder.join("right.exr"), &images.right, &tags.right)?;
+    exr::write_tagged_rgb(&folder.join("left.exr"), images.left(), tags.left())?;
+    exr::write_tagged_rgb(&folder.join("right.exr"), images.right(), tags.right())?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));
     Ok(Reference { images, noise: accumulation.noise(), origin, kinds: None, in_right: None, key })
 }

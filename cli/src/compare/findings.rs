@@ -1,6 +1,6 @@
 //! Results of a comparison, as printed by `--json`, and their warnings.
 
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::exr::{ColourSource, Tags};
 use diptych::metrics::Errors;
 use diptych::metrics::disparity::FeatureDisparity;
@@ -47,7 +47,7 @@ pub(super) struct Rings {
 #[derive(Serialize)]
 pub(super) struct BothFindings<'a> {
     #[serde(flatten)]
-    pub(super) eyes: Stereo<&'a Findings>,
+    pub(super) eyes: PerView<&'a Findings>,
     /// Means over both eyes; `null` for measures that are undefined in one of them.
     pub(super) mean: serde_json::Map<String, serde_json::Value>,
     /// `null` without auxiliary images that tell which pixels of the eyes show the same surface.

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Error};
 
 use super::aovs;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::exr::Tags;
 use diptych::metrics::Pair;
 use diptych::metrics::disparity::FeatureDisparity;
@@ -62,7 +62,7 @@ fn camera(tags: &Tags) -> Option<(&[[f32; 4]; 4], [f32; 2])> {
 /// auxiliary images, do not tell its camera. Compares what mirrors and glass show if auxiliary images of both eyes tell
 /// it.
 pub fn differences(
-    pairs: &Stereo<&Pair>,
+    pairs: &PerView<&Pair>,
     [left, right]: [OfEye; 2],
     right_tags: &Tags,
 ) -> Result<Option<Differences>, Error> {
@@ -70,11 +70,11 @@ pub fn differences(
     let (left, right) = left.1.zip(right.1).unwrap_or((left.0, right.0));
     let in_right = left.in_other_eye(right, world_to_ndc, centre)?;
     let differ = || "the auxiliary images differ from the images in size";
-    Ok(Some(Differences::new(pairs.left, pairs.right, &in_right).with_context(differ)?))
+    Ok(Some(Differences::new(pairs.left(), pairs.right(), &in_right).with_context(differ)?))
 }
 
 /// Measures the disparity of highlights and reflections; nothing if `right_tags` do not tell the right eye's camera.
-pub fn features(pairs: &Stereo<&Pair>, left: &Surfaces, right_tags: &Tags) -> Result<FeatureDisparity, Error> {
+pub fn features(pairs: &PerView<&Pair>, left: &Surfaces, right_tags: &Tags) -> Result<FeatureDisparity, Error> {
     let Some((world_to_ndc, centre)) = camera(right_tags) else { return Ok(FeatureDisparity::default()) };
-    Ok(FeatureDisparity::new(pairs.left, pairs.right, left, world_to_ndc, centre)?)
+    Ok(FeatureDisparity::new(pairs.left(), pairs.right(), left, world_to_ndc, centre)?)
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::report::study::{SequenceRow, sequence_table};
 use crate::report::{cell, text_table};
 use anyhow::{Context, anyhow, bail, ensure};
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::exr::{self, Tags};
 use diptych::metrics::rivalry::{Differences, RIVALRY_MEASURES, Rivalry};
 use diptych::metrics::surfaces::{Sighting, Surfaces};
@@ -53,7 +53,7 @@ pub fn run(comparison: &Comparison<'_>) -> Result<Values, Failure> {
     let sequence = Sequence::find(&args.reference, image, args.exposure).map_err(Failure::Input)?;
     let results = sequence.results().map_err(Failure::Input)?;
     comparison.finish(&results, || Ok(Vec::new()), || print(&sequence, &results))?;
-    let Stereo { left, right } = &results.rows;
+    let [left, right] = results.rows.outer();
     let means = MEASURES.iter().map(|(name, _)| (*name, mean([left, right].map(|row| row.mean.get(name)))));
     let changes = [left, right].map(|row| [row.temporal.flicker, row.temporal.ghosting, row.temporal.new_share]);
     let changes = SEQUENCE_MEASURES.iter().enumerate().map(|(i, (name, _))| (*name, mean(changes.map(|of| of[i]))));
@@ -115,7 +115,7 @@ impl<'a> Sequence<'a> {
             }
             let [left, right] = eyes.each_ref().map(|eye| eye.before.as_ref());
             let Some((left, right)) = left.zip(right) else { continue };
-            let pairs = Stereo { left: &left.pair, right: &right.pair };
+            let pairs = PerView::both(&left.pair, &right.pair);
             let surfaces = [left, right].map(|eye| (eye.surfaces.surfaces(), eye.shown.as_ref()));
             let differences = rivalry::differences(&pairs, surfaces, &right.tags)?;
             if let Some(((now, before), history)) = differences.as_ref().zip(before.as_ref()).zip(history) {
@@ -127,7 +127,7 @@ impl<'a> Sequence<'a> {
         let row = |eye: EyeSums| SequenceRow::new(eye.name, self.exposure_ev, eye.errors, eye.changes.into());
         let [left, right] = eyes.map(row);
         let rivalry_flicker = (!flickers.is_empty()).then(|| flickers.iter().sum::<f64>() / flickers.len() as f64);
-        Ok(Results { rows: Stereo { left, right }, rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
+        Ok(Results { rows: PerView::both(left, right), rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
     }
 
     /// Reads a frame of an eye with its surfaces, and lists contradictions between the files' metadata.
@@ -198,7 +198,7 @@ impl EyeSums {
 #[derive(Serialize)]
 struct Results {
     #[serde(flatten)]
-    rows: Stereo<SequenceRow>,
+    rows: PerView<SequenceRow>,
     /// Means over frames.
     #[serde(flatten)]
     rivalry: Rivalry,

@@ -5,7 +5,7 @@ use anyhow::Context;
 use crate::report::comparison::{ControlRun, comparison_csv, comparison_svg, comparison_table, recovery_svg};
 use crate::report::play::{PlaySummary, SETTLING_FRAMES};
 use crate::report::samples::FrameSamples;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::frame::Disturbance;
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     // The first session has found a size that fits.
     prepared.fits_size = None;
     let mut runs: Vec<ControlRun> = Vec::new();
-    let mut references: Vec<Stereo<RgbImage>> = Vec::new();
+    let mut references: Vec<PerView<RgbImage>> = Vec::new();
     let kinds = prepared.render.settings.controller.clone();
     let count = prepared.render.settings.runs;
     for number in 0..count {
@@ -122,7 +122,7 @@ fn render_references(
     prepared: &Prepared,
     loaded: &mut LoadedScene,
     frames: &[Kept],
-) -> Result<Vec<Stereo<RgbImage>>, Failure> {
+) -> Result<Vec<PerView<RgbImage>>, Failure> {
     let path = loaded.shot.rig.clone();
     let mut renderer =
         References::new(args, &prepared.render, loaded, Some(prepared.render.settings.report_spp.unwrap_or(SPP)))?;
@@ -132,10 +132,10 @@ fn render_references(
 }
 
 /// Returns the mean FLIP of both eyes of all frames.
-fn mean_flip(frames: &[Kept], references: &[Stereo<RgbImage>], exposure_ev: f32) -> Result<f64, Failure> {
+fn mean_flip(frames: &[Kept], references: &[PerView<RgbImage>], exposure_ev: f32) -> Result<f64, Failure> {
     let mut sum = 0.0;
     for (Kept { linear, .. }, reference) in frames.iter().zip(references) {
-        for (reference, image) in [(&reference.left, &linear.left), (&reference.right, &linear.right)] {
+        for (reference, image) in [(reference.left(), linear.left()), (reference.right(), linear.right())] {
             sum += Pair::new(reference, image, exposure_ev)?.errors().flip;
         }
     }

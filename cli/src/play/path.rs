@@ -62,7 +62,7 @@ mod tests {
         let keys = vec![key(1.0), key(5.0)];
         let rig = Rig { yfov_rad: 1.0, baseline_m: 0.0, ..Rig::of_keys(keys) };
         let mut path = CameraPath::new(&rig);
-        let along = |path: &CameraPath, s: f64| path.rig(s).view(0.0, Eye::Left).origin.x;
+        let along = |path: &CameraPath, s: f64| path.rig(s).view(0.0, Eye::LEFT).origin.x;
         assert_eq!([1.0, 3.0, 5.0, 6.0, 9.0, 11.0].map(|s| along(&path, s)), [1.0, 3.0, 5.0, 4.0, 1.0, 3.0]);
         for at_s in [1.5, 4.5, 5.5, 8.5, 30.0] {
             let before = along(&path, at_s);

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::report::run::ReferenceRow;
-use diptych::exec::{Renderer, Stereo};
+use diptych::exec::{PerView, Renderer};
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 use diptych::scene::rig::Rig;
@@ -23,7 +23,7 @@ const SPP_MAX: u32 = 1 << 14;
 /// A frame, read back from the devices.
 pub struct Kept {
     pub index: u32,
-    pub linear: Stereo<RgbImage>,
+    pub linear: PerView<RgbImage>,
     pub rig: Rig,
     pub time_s: f64,
 }
@@ -53,7 +53,7 @@ impl References {
     }
 
     /// Renders the reference of a frame. `loaded` has the frame's camera from then on.
-    pub fn of(&mut self, frame: &Kept, loaded: &mut LoadedScene) -> Result<(Stereo<RgbImage>, ReferenceRow), Failure> {
+    pub fn of(&mut self, frame: &Kept, loaded: &mut LoadedScene) -> Result<(PerView<RgbImage>, ReferenceRow), Failure> {
         let Self { plan, renderer, tracing } = self;
         loaded.shot.rig = frame.rig.clone();
         plan.options.run.settings.time = frame.time_s;

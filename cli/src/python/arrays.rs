@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use super::failure::exception;
 use crate::tev::Viewer;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::exr::Tags;
 use diptych::image::{Extent, Image, ImageError, RgbImage, exr};
 
@@ -32,11 +32,12 @@ pub fn of_image<T: numpy::Element, const N: usize>(py: Python<'_>, image: Image<
 }
 
 /// Makes arrays of both eyes' images.
-pub fn of_stereo<T: numpy::Element, const N: usize>(
+pub fn of_stereo<T: numpy::Element + Clone, const N: usize>(
     py: Python<'_>,
-    images: Stereo<Image<[T; N]>>,
+    images: PerView<Image<[T; N]>>,
 ) -> PyResult<[Pixels<T>; 2]> {
-    Ok([of_image(py, images.left)?, of_image(py, images.right)?])
+    let [left, right] = images.into_outer();
+    Ok([of_image(py, left)?, of_image(py, right)?])
 }
 
 /// Copies an array of the shape (height, width, 3) to an image.

@@ -40,7 +40,7 @@ impl Copied {
         let arrays = [image(color)?, image(albedo)?, image(normal)?, image(position)?];
         let [emission, last] = optional;
         let [origin, right, up, forward] = axes.map(Vec3::from);
-        let camera = View { origin, right, up, forward, tan_half_yfov: *tan_half_yfov };
+        let camera = View { origin, right, up, forward, tan_half_yfov: *tan_half_yfov, shift_x: 0.0 };
         let optional = |array: &Option<Array<'_>>| array.as_ref().map(image).transpose();
         Ok(Self { camera, arrays, emission: optional(emission)?, last_position: optional(last)? })
     }

@@ -13,7 +13,7 @@ use super::failure::exception;
 use crate::failure::Failure;
 use crate::output;
 use crate::report::run::FrameRow;
-use diptych::exec::{ExecError, FrameReport, Renderer, Stereo};
+use diptych::exec::{ExecError, FrameReport, PerView, Renderer};
 use diptych::image::display::{DisplayImage, encode_png, tonemap};
 use diptych::image::exr::Tags;
 use diptych::image::tone::ToneCurve;
@@ -39,7 +39,7 @@ pub struct Frame {
     library_ms: f64,
     tone: ToneCurve,
     aovs: Vec<(Aov, [Pixels<f32>; 2])>,
-    tags: Stereo<Tags>,
+    tags: PerView<Tags>,
     /// Entry of `run.json` in JSON.
     report: String,
 }
@@ -63,15 +63,15 @@ type Values = Vec<f32>;
 
 /// Images of a frame in host memory, before they become arrays.
 pub struct Images {
-    pub linear: Stereo<RgbImage>,
-    pub aovs: Vec<(Aov, Stereo<Values>)>,
+    pub linear: PerView<RgbImage>,
+    pub aovs: Vec<(Aov, PerView<Values>)>,
     /// Metadata of both eyes' files.
-    pub tags: Stereo<Tags>,
+    pub tags: PerView<Tags>,
 }
 
 impl Images {
     /// Reads the images of the last frame.
-    pub fn read(renderer: &mut Renderer, aovs: &[Aov], tags: Stereo<Tags>) -> Result<Self, ExecError> {
+    pub fn read(renderer: &mut Renderer, aovs: &[Aov], tags: PerView<Tags>) -> Result<Self, ExecError> {
         let linear = renderer.read_linear()?;
         let read = |(i, &aov): (usize, &Aov)| Ok((aov, renderer.read_aov_pixels(i)?));
         let aovs: Result<_, ExecError> = aovs.iter().enumerate().map(read).collect();
@@ -83,10 +83,12 @@ impl Frame {
     /// Makes a frame of images that were rendered since `begin`. `report` is in JSON.
     pub fn new(py: Python<'_>, images: Images, look: Look, report: String, begin: Instant) -> PyResult<Self> {
         let library_ms = begin.elapsed().as_secs_f64() * 1e3;
-        let extent = images.linear.left.extent;
+        let extent = images.linear.left().extent;
         let array = |aov: Aov, values: Values| arrays::array(py, extent, aov.channels().len(), values);
-        let eyes =
-            |(aov, values): (Aov, Stereo<Values>)| Ok((aov, [array(aov, values.left)?, array(aov, values.right)?]));
+        let eyes = |(aov, values): (Aov, PerView<Values>)| {
+            let [left, right] = values.into_outer();
+            Ok((aov, [array(aov, left)?, array(aov, right)?]))
+        };
         let aovs: PyResult<_> = images.aovs.into_iter().map(eyes).collect();
         let [left, right] = arrays::of_stereo(py, images.linear)?;
         let Look { exposure_ev, tone } = look;
@@ -104,10 +106,9 @@ impl Frame {
 }
 
 /// Returns the metadata of a frame's files.
-pub fn tags(rig: &Rig, look: Look, frame: &FrameReport, extent: Extent, time_s: f64) -> Stereo<Tags> {
-    let Stereo { left, right } = output::tags(rig, look.exposure_ev, extent, time_s, frame.index);
+pub fn tags(rig: &Rig, look: Look, frame: &FrameReport, extent: Extent, time_s: f64) -> PerView<Tags> {
     let tags = |tags: Tags| Tags { pixel_centre: Some(frame.pixel_centre), ..tags };
-    Stereo { left: tags(left), right: tags(right) }
+    output::tags(rig, look.exposure_ev, extent, time_s, frame.index).map(tags)
 }
 
 /// Serializes a row of `run.json`.
@@ -143,7 +144,7 @@ impl Frame {
     /// Pictures of the left and the right eye, tonemapped, uint8 of the shape (height, width, 3).
     fn display(&self, py: Python<'_>) -> PyResult<[Pixels<u8>; 2]> {
         let [left, right] = self.pictures(py)?;
-        arrays::of_stereo(py, Stereo { left, right })
+        arrays::of_stereo(py, PerView::both(left, right))
     }
 
     /// Both eyes side by side, as a PNG file.
@@ -174,7 +175,7 @@ impl Frame {
             Some("disparity") => &["Y"],
             Some(name) => self.find(name)?.0.channels(),
         };
-        let tags = if eye == 0 { &self.tags.left } else { &self.tags.right };
+        let tags = if eye == 0 { self.tags.left() } else { self.tags.right() };
         let tags = match name {
             None => Tags { pixel_centre: None, ..tags.clone() },
             Some(_) => Tags { exposure_ev: None, ..tags.clone() },
@@ -196,7 +197,7 @@ impl Frame {
             let what = format!("the eyes' images are {} and {}, not {extent}", left.extent, right.extent);
             return Err(PyValueError::new_err(what));
         }
-        let [left, right] = arrays::of_stereo(py, Stereo { left, right })?;
+        let [left, right] = arrays::of_stereo(py, PerView::both(left, right))?;
         let aovs = self.aovs.iter().map(|(aov, eyes)| (*aov, eyes.each_ref().map(|eye| eye.clone_ref(py)))).collect();
         let (tags, report) = (self.tags.clone(), self.report.clone());
         Ok(Self { left, right, aovs, tags, report, ..*self })

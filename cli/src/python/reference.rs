@@ -64,7 +64,7 @@ pub fn reference(
             progress: &|_, _| {},
             stop: &stop,
         };
-        let begun = Accumulation::new(options.render.settings.size);
+        let begun = Accumulation::new(options.render.settings.size, 2);
         let done = accumulate(&mut renderer, &job, begun, |pass| {
             // A pass follows the one in which `stop` is set.
             if raised.is_err() {

@@ -21,7 +21,7 @@ use crate::options::RenderOptions;
 use crate::report::run::FrameRow;
 use crate::setup;
 use diptych::exec::ranks::Devices;
-use diptych::exec::{Renderer as Inner, Stereo};
+use diptych::exec::{PerView, Renderer as Inner};
 use diptych::image::exr::Tags;
 use diptych::loaded::LoadedScene;
 use diptych::passes::Aov;
@@ -110,7 +110,7 @@ impl Renderer {
         }
         let index = index.unwrap_or_else(|| self.next.load(Ordering::Relaxed));
         self.next.store(index.wrapping_add(1), Ordering::Relaxed);
-        let render = |inner: &mut Inner, index: u32| -> PyResult<(FrameRow, Stereo<Tags>)> {
+        let render = |inner: &mut Inner, index: u32| -> PyResult<(FrameRow, PerView<Tags>)> {
             let asked_ms = self.ask(inner)?;
             let params = inner.frame(&rig, time, index);
             let frame = inner.render(&params).map_err(exception)?;

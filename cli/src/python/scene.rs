@@ -46,6 +46,7 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
         }
     };
     let loaded = py.detach(load).map_err(exception)?;
+    setup::check_eyes(&loaded.shot.rig).map_err(exception)?;
     Ok(Scene { loaded: RwLock::new(loaded), shot, text, given })
 }
 

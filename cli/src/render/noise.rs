@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use diptych::accumulation::{Accumulation, Noise};
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::exec::ranks::Devices;
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
@@ -36,7 +36,7 @@ pub fn samples_for(
     progress.phase(PHASE);
     let plan = Plan::new(metering::small(options), PASSES * PASS_SPP, PASS_SPP, None)?;
     let mut renderer = setup::renderer(&plan.options, loaded, gpus, Instant::now())?;
-    let mut sum = Accumulation::new(plan.options.settings.size);
+    let mut sum = Accumulation::new(plan.options.settings.size, loaded.shot.rig.views);
     let gain = loaded.shot.exposure_ev.exp2();
     for pass in 0..PASSES {
         let params = renderer.frame(&loaded.shot.rig, options.settings.time, 0);
@@ -45,7 +45,7 @@ pub fn samples_for(
             progress.phase_part(PHASE, (f64::from(pass) + fraction) / f64::from(PASSES));
         })?;
         let mut images = renderer.read_linear()?;
-        [&mut images.left, &mut images.right].into_iter().for_each(|image| expose(image, gain));
+        images.iter_mut().for_each(|image| expose(image, gain));
         sum.add(pass, &images, PASS_SPP, 0);
     }
     let spp = sum.noise().map_or(most, |noise| needed(wanted, &noise, sum.samples(), most));
@@ -58,8 +58,8 @@ fn expose(image: &mut RgbImage, gain: f32) {
 }
 
 /// Returns the number of samples with the noise `wanted` if `samples` samples have the noise `noise`.
-fn needed(wanted: f64, noise: &Stereo<Noise>, samples: u32, most: u32) -> u32 {
-    let relmse = noise.left.relmse.max(noise.right.relmse);
+fn needed(wanted: f64, noise: &PerView<Noise>, samples: u32, most: u32) -> u32 {
+    let relmse = noise.iter().map(|noise| noise.relmse).fold(0.0, f64::max);
     let spp = (f64::from(samples) * relmse / (wanted * wanted)).ceil();
     // A conversion to an integer saturates.
     (spp as u32).clamp(*Samples::VALID.start(), most)
@@ -80,7 +80,7 @@ mod tests {
 
     #[test]
     fn samples_grow_with_the_square_of_noise() {
-        let noise = |relmse| Stereo { left: Noise { rmse: 1.0, relmse: 0.01 }, right: Noise { rmse: 1.0, relmse } };
+        let noise = |relmse| PerView::both(Noise { rmse: 1.0, relmse: 0.01 }, Noise { rmse: 1.0, relmse });
         let spp = |wanted, relmse| needed(wanted, &noise(relmse), 32, 4096);
         assert_eq!([spp(0.2, 0.04), spp(0.1, 0.04), spp(0.1, 0.0)], [32, 128, 32]);
         assert_eq!([spp(1e-9, 0.04), spp(1e9, 0.04), spp(0.1, f64::INFINITY)], [4096, 1, 4096]);

@@ -45,7 +45,7 @@ impl Run<'_> {
                 images.aovs = FrameImages::read(renderer, &options.aovs)?.aovs;
             }
             for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
-                spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
+                spp.iter_mut().flatten().for_each(|plane| plane.fill(done.row.spp as f32));
             }
         }
         if let Some(report) = done.report {
@@ -60,7 +60,7 @@ impl Run<'_> {
         rows.references.push(done.row);
         let number = (options.frames > 1).then_some(index);
         let _writing = interrupt::writing();
-        self.pictures.add(images.write(&options.out, number, &args.also, &tags)?);
+        self.pictures.add(images.write(&options.out, number, &args.also, args.quilt, &tags)?);
         Ok(())
     }
 }

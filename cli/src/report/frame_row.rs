@@ -9,7 +9,7 @@ use super::headset::HeadsetRow;
 use super::lanes::round;
 use super::once;
 use diptych::control::{Budget, Decision};
-use diptych::exec::{FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
+use diptych::exec::{FrameReport, PerView, RightEye, TaskTiming, TimedTask};
 use diptych::graph::{Seam, Stage};
 use diptych::passes::AOVS;
 use diptych::passes::path_trace::PARTITION;
@@ -139,7 +139,7 @@ pub struct FrameRow {
     /// Scene time of the frame.
     pub time_s: f64,
     /// Camera of each eye.
-    pub cameras: Stereo<Matrices>,
+    pub cameras: PerView<Matrices>,
     /// Number of devices that rendered the frame.
     pub devices: usize,
     /// Time from the start of the frame until the images on the primary are complete, without `aov_ms`.
@@ -216,7 +216,7 @@ impl FrameRow {
         Self {
             index: frame.index,
             time_s,
-            cameras: Stereo { left: matrices(Eye::Left), right: matrices(Eye::Right) },
+            cameras: rig.eyes().map(matrices).collect(),
             devices: frame.devices.len(),
             makespan_ms: frame.makespan_ms - aov_ms,
             interval_ms: frame.interval_ms,
@@ -228,7 +228,7 @@ impl FrameRow {
             right_eye: frame.right_eye(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
             clipped_pixels: frame.tallies.iter().map(|t| t.clipped).sum(),
-            stripes: rows_of(PARTITION, Eye::Left),
+            stripes: rows_of(PARTITION, frame.program.main_eye()),
             stage_stripes,
             transferred_bytes: frame.uploaded_bytes(),
             bytes_between_ranks: frame.bytes_between_ranks(),

@@ -8,7 +8,6 @@ use serde::Serialize;
 
 use super::html::live;
 use diptych::exec::{FrameReport, TaskTiming, TimedTask};
-use diptych::scene::rig::Eye;
 use diptych::trace::frames::path;
 use diptych::trace::summary::Step;
 use diptych::trace::{FIRST_DEVICE_PID, Lane};
@@ -126,7 +125,7 @@ impl Data {
             TimedTask::Download => 1,
             TimedTask::Upload => 2,
         };
-        let eye = usize::from(task.view == Eye::Right);
+        let eye = task.view.index();
         (name, eye, task.device, kind, task.rows.start, task.rows.end, task.bytes.unwrap_or(0))
     }
 }
@@ -151,12 +150,13 @@ pub fn median_frame(makespans_ms: &[f64]) -> usize {
 mod tests {
     use super::*;
     use diptych::graph::Stage;
+    use diptych::scene::rig::Eye;
 
     fn task(begin_ms: f64, device: usize) -> TaskTiming {
         TaskTiming {
             stage: "gbuffer".into(),
             kind: TimedTask::Gpu(Stage("gbuffer")),
-            view: Eye::Right,
+            view: Eye::RIGHT,
             device,
             rows: 4..9,
             begin_ms,

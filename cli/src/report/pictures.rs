@@ -5,7 +5,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::ReportError;
 use super::html::escape;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::RgbImage;
 use diptych::image::display::{DisplayImage, encode_png, tonemap};
 use diptych::image::tone::ToneCurve;
@@ -25,12 +25,12 @@ pub struct Picture {
 
 impl Group {
     /// Tonemaps both eyes' linear images, `exposure_ev` stops brighter, with the tone curve of the metrics.
-    pub fn of_frame(name: String, linear: &Stereo<RgbImage>, exposure_ev: f32) -> Self {
+    pub fn of_frame(name: String, linear: &PerView<RgbImage>, exposure_ev: f32) -> Self {
         let eye = |eye: &str, image| Picture {
             name: eye.to_owned(),
             image: tonemap(image, exposure_ev, ToneCurve::Reinhard),
         };
-        Self { name, pictures: vec![eye("left eye", &linear.left), eye("right eye", &linear.right)] }
+        Self { name, pictures: vec![eye("left eye", linear.left()), eye("right eye", linear.right())] }
     }
 
     /// Returns the pictures of [`Self::of_frame`] and, for each eye, a FLIP heat map against `reference`, with the mean
@@ -40,12 +40,13 @@ impl Group {
     /// [`ReportError::Image`] for images of different sizes or without pixels.
     pub fn against(
         name: String,
-        linear: &Stereo<RgbImage>,
-        reference: &Stereo<RgbImage>,
+        linear: &PerView<RgbImage>,
+        reference: &PerView<RgbImage>,
         exposure_ev: f32,
     ) -> Result<Self, ReportError> {
         let mut group = Self::of_frame(name, linear, exposure_ev);
-        for (eye, right, image) in [("left", &reference.left, &linear.left), ("right", &reference.right, &linear.right)]
+        for (eye, right, image) in
+            [("left", reference.left(), linear.left()), ("right", reference.right(), linear.right())]
         {
             let pair = Pair::new(right, image, exposure_ev)?;
             let name = format!("FLIP, {eye} eye (mean {:.4})", pair.errors().flip);
@@ -99,8 +100,8 @@ mod tests {
     #[test]
     fn viewer_embeds_each_picture_once() {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 11), [value; 3]);
-        let linear = Stereo { left: grey(0.5), right: grey(0.25) };
-        let reference = Stereo { left: grey(0.5), right: grey(0.5) };
+        let linear = PerView::both(grey(0.5), grey(0.25));
+        let reference = PerView::both(grey(0.5), grey(0.5));
         let frame = Group::against("a <b>".into(), &linear, &reference, 0.0).unwrap();
         assert_eq!(frame.pictures[2].name, "FLIP, left eye (mean 0.0000)");
         assert!(frame.pictures[3].image.pixels[0] != [0, 0, 3], "{:?}", frame.pictures[3].image.pixels[0]);
@@ -111,14 +112,14 @@ mod tests {
         let png = ::image::load_from_memory(&STANDARD.decode(encoded).unwrap()).unwrap().into_rgb8();
         assert_eq!(
             (png.dimensions(), png.get_pixel(3, 3).0),
-            ((12, 11), tonemap(&linear.left, 0.0, ToneCurve::Reinhard).pixels[0])
+            ((12, 11), tonemap(linear.left(), 0.0, ToneCurve::Reinhard).pixels[0])
         );
     }
 
     #[test]
     fn flip_uses_the_exposure_of_shown_pictures() {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 11), [value; 3]);
-        let eyes = |value| Stereo { left: grey(value), right: grey(value) };
+        let eyes = |value| PerView::both(grey(value), grey(value));
         let names = |scale: f32, exposure_ev: f32| -> Vec<String> {
             let group = Group::against("a".into(), &eyes(0.25 * scale), &eyes(0.5 * scale), exposure_ev).unwrap();
             group.pictures.into_iter().map(|p| p.name).collect()

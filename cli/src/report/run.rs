@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use diptych::accumulation::Noise;
 use diptych::device::DeviceInfo;
-use diptych::exec::{Fault, Stereo};
+use diptych::exec::{Fault, PerView};
 use diptych::image::ImageError;
 use diptych::image::file::atomic_write;
 use diptych::scene::Scene;
@@ -95,7 +95,7 @@ pub struct ReferenceRow {
     pub nonfinite_samples: u64,
     /// Noise of the accumulated image, estimated from the difference between even and odd passes; `null` for fewer than
     /// two passes.
-    pub noise: Option<Stereo<Noise>>,
+    pub noise: Option<PerView<Noise>>,
 }
 
 impl fmt::Display for ReferenceRow {

@@ -216,7 +216,7 @@ mod tests {
     use diptych::schedule::{Limit, Step};
 
     fn row() -> SimulationRow {
-        let step = |kind, begin_ms, end_ms| Step { kind, view: Eye::Left, device: 0, begin_ms, end_ms };
+        let step = |kind, begin_ms, end_ms| Step { kind, view: Eye::LEFT, device: 0, begin_ms, end_ms };
         let critical_path = vec![
             step(TimedTask::Gpu(Stage("path_trace")), 0.0, 40.0),
             step(TimedTask::Download, 40.0, 42.0),

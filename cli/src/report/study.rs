@@ -6,7 +6,7 @@ use super::bench::Errors;
 use super::csv::{Column, Csv, number};
 use super::statistics::mean;
 use super::{Table, cell, statistics};
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::metrics;
 use diptych::metrics::temporal::TemporalError;
 use diptych::scene::rig::Eye;
@@ -45,8 +45,8 @@ const SEQUENCE: &[Column<SequenceRow>] = &[
 ];
 
 /// Returns a table with a line per eye.
-pub fn sequence_table(rows: &Stereo<SequenceRow>) -> Table {
-    Table::new(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
+pub fn sequence_table(rows: &PerView<SequenceRow>) -> Table {
+    Table::new(SEQUENCE, &[rows.left().clone(), rows.right().clone()])
 }
 
 /// Errors of one eye's image in one frame that several devices rendered in stripes. In comments and field names, `one`
@@ -246,11 +246,11 @@ mod tests {
     #[test]
     fn leria_table_adds_the_published_numbers() {
         let rows = [
-            row(1, "-", Eye::Left, 30.0),
-            row(1, "-", Eye::Right, 31.0),
-            row(2, "none", Eye::Left, 10.0),
-            row(4, "none", Eye::Left, 29.0),
-            row(4, "none", Eye::Right, 30.0),
+            row(1, "-", Eye::LEFT, 30.0),
+            row(1, "-", Eye::RIGHT, 31.0),
+            row(2, "none", Eye::LEFT, 10.0),
+            row(4, "none", Eye::LEFT, 29.0),
+            row(4, "none", Eye::RIGHT, 30.0),
         ];
         let found = leria_table(&rows).rows;
         assert_eq!(found[0], ["psnr", "no filter", "29.50 (-1.00)", "20.30 (-0.53)", "21.73 (-0.24)", "20.89 (-0.20)"]);
@@ -262,7 +262,7 @@ mod tests {
 
     #[test]
     fn equal_pictures_are_infinitely_near() {
-        let rows = [row(2, "halo", Eye::Left, 30.0), row(1, "-", Eye::Left, 30.0)];
+        let rows = [row(2, "halo", Eye::LEFT, 30.0), row(1, "-", Eye::LEFT, 30.0)];
         let table = seam_csv(&rows);
         let found = ["psnr_to_one", "same_bytes", "seam_ratio", "time_ms_iqr"].map(|name| table.value(0, name));
         assert_eq!(found, ["inf", "true", "", "3.0000"]);

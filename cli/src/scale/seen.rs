@@ -7,7 +7,7 @@ use crate::report::html::Section;
 use crate::report::lanes::LaneFrame;
 use crate::report::pictures::Group;
 use crate::report::scale::ScaleRow;
-use diptych::exec::{FrameReport, Stereo};
+use diptych::exec::{FrameReport, PerView};
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 
@@ -15,7 +15,7 @@ use diptych::loaded::LoadedScene;
 #[derive(Default)]
 pub struct Seen {
     /// The last frame on one device.
-    picture: Option<Stereo<RgbImage>>,
+    picture: Option<PerView<RgbImage>>,
     /// For each further measurement, true if its last frame has the same bytes as `picture`; `None` if it has another
     /// size.
     same_bytes: Vec<Option<bool>>,
@@ -24,11 +24,11 @@ pub struct Seen {
 }
 
 impl Seen {
-    pub fn add(&mut self, picture: Option<Stereo<RgbImage>>, frame: Option<FrameReport>) {
+    pub fn add(&mut self, picture: Option<PerView<RgbImage>>, frame: Option<FrameReport>) {
         self.frames.extend(frame);
         match (&self.picture, picture) {
             (Some(first), Some(picture)) => {
-                let is_alike = first.left.extent == picture.left.extent;
+                let is_alike = first.left().extent == picture.left().extent;
                 self.same_bytes.push(is_alike.then(|| same_bits(first, &picture)));
             }
             (None, picture) => self.picture = picture,

@@ -57,8 +57,8 @@ impl Arrangement {
         run.settings.balance = vec![Balance::Static];
         let on_primary: Vec<f64> = (0..devices).map(|device| if device == 0 { 1.0 } else { 0.0 }).collect();
         for group in partitions() {
-            for view in Eye::ALL {
-                let is_traced = view == Eye::Left || !run.settings.reproject;
+            for view in Eye::BOTH {
+                let is_traced = view == Eye::LEFT || !run.settings.reproject;
                 if !(is_traced && distributes.contains(&group.0)) {
                     let ratios = on_primary.clone();
                     run.settings.ratios.push(RatioRule { group: Some(group), view: Some(view), ratios });
@@ -81,7 +81,7 @@ const LOG_POLAR_ALPHA: f64 = 4.0;
 pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene) -> Measures {
     let (time_s, size) = (options.settings.time, options.settings.size);
     let gaze = loaded.shot.gaze.at(time_s);
-    let view = loaded.shot.rig.view(time_s, Eye::Left);
+    let view = loaded.shot.rig.view(time_s, Eye::LEFT);
     let share = PolarSpace::Visual.share(gaze, &view, size).min(1.0);
     let most = &mut options.envelope.most;
     match (most.polar, most.fovea) {
@@ -115,7 +115,7 @@ pub fn sample_as_visual_polar(options: &mut RenderOptions, loaded: &LoadedScene)
 /// Returns the number of pixels in the left eye's image as a fraction of those on its screen.
 pub fn dispatched(options: &RenderOptions, loaded: &LoadedScene) -> f64 {
     let (view, gaze) =
-        (loaded.shot.rig.view(options.settings.time, Eye::Left), loaded.shot.gaze.at(options.settings.time));
+        (loaded.shot.rig.view(options.settings.time, Eye::LEFT), loaded.shot.gaze.at(options.settings.time));
     options.quality().polar.map_or(1.0, |space| space.share(gaze, &view, options.settings.size))
 }
 
@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(options.settings.policy(), Balance::Static);
         let left_out = options.settings.ratios.iter().all(|rule| {
             let is_path_tracing = rule.group.is_some_and(|group| group.0 == "path_trace");
-            rule.ratios == [1.0, 0.0, 0.0] && !(is_path_tracing && rule.view == Some(Eye::Left))
+            rule.ratios == [1.0, 0.0, 0.0] && !(is_path_tracing && rule.view == Some(Eye::LEFT))
         });
         assert!(
             left_out && options.settings.ratios.len() == 2 * partitions().len() - 1,

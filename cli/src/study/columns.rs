@@ -141,7 +141,7 @@ impl Cell<'_> {
 
     /// Returns an error at each instant, as the mean of both eyes. `None` if it is undefined anywhere.
     fn errors(&self, name: &str) -> Option<Vec<f64>> {
-        let mean_of_eyes = |at: &Measured| Some((at.errors.left.get(name)? + at.errors.right.get(name)?) / 2.0);
+        let mean_of_eyes = |at: &Measured| Some((at.errors.left().get(name)? + at.errors.right().get(name)?) / 2.0);
         let all: Option<Vec<f64>> = self.found.instants.iter().map(mean_of_eyes).collect();
         all.filter(|all| !all.is_empty())
     }

@@ -9,7 +9,6 @@ use crate::report::statistics::quartiles;
 use crate::report::study::{LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, seam_csv, seam_table};
 use crate::report::{Csv, Table};
 use diptych::device::DeviceInfo;
-use diptych::exec::Stereo;
 use diptych::image::{ImageError, RgbImage};
 use diptych::loaded::LoadedScene;
 use diptych::metrics::Pair;
@@ -135,30 +134,23 @@ impl<'a> Study<'a> {
         let time_ms = quartiles(frames.iter().map(|f| f.report.makespan_ms).collect());
         let same_bytes = frames.iter().zip(one).all(|(f, o)| same_bits(&f.linear, &o.linear));
         let row = |eye: Eye| -> Result<SeamRow, Failure> {
-            let (reference, shown_ev) = (eye_of(&self.reference.images, eye), self.loaded.shot.exposure_ev);
+            let (reference, shown_ev) = (self.reference.images.of(eye), self.loaded.shot.exposure_ev);
             let mut errors = Vec::new();
             for (frame, one) in frames.iter().zip(one) {
-                let [image, one] = [frame, one].map(|f| eye_of(&f.linear, eye));
+                let [image, one] = [frame, one].map(|f| f.linear.of(eye));
                 errors.push(seam_errors(reference, image, one, &seam_rows(frame, eye), shown_ev)?);
             }
             let (devices, policy, exposure_ev) = (devices.len(), policy.to_owned(), self.loaded.exposure_ev());
             let errors = SeamErrors::mean_of(&errors);
             Ok(SeamRow { devices, policy, eye, exposure_ev, errors, same_bytes, time_ms })
         };
-        Ok([row(Eye::Left)?, row(Eye::Right)?])
-    }
-}
-
-fn eye_of(images: &Stereo<RgbImage>, view: Eye) -> &RgbImage {
-    match view {
-        Eye::Left => &images.left,
-        Eye::Right => &images.right,
+        Ok([row(Eye::LEFT)?, row(Eye::RIGHT)?])
     }
 }
 
 /// Returns the first row of each of the denoiser's stripes, except the topmost.
 fn seam_rows(frame: &TimedFrame, view: Eye) -> Vec<u32> {
-    let height = frame.linear.left.extent.height;
+    let height = frame.linear.left().extent.height;
     let edges = frame.report.assignment.stripes(denoise::PARTITION, view).inner_edges();
     edges.iter().copied().filter(|edge| (1..height).contains(edge)).collect()
 }

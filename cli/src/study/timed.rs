@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use crate::report::run::FrameRow;
 use diptych::device::DeviceInfo;
-use diptych::exec::{FrameReport, Stereo};
+use diptych::exec::{FrameReport, PerView};
 use diptych::image::RgbImage;
 use diptych::loaded::LoadedScene;
 use diptych::trace::frames::record_devices;
@@ -48,7 +48,7 @@ pub struct TimedFrame {
     pub report: FrameReport,
     /// The frame's entry in run.json.
     pub row: FrameRow,
-    pub linear: Stereo<RgbImage>,
+    pub linear: PerView<RgbImage>,
 }
 
 impl Timed<'_> {

@@ -121,12 +121,13 @@ impl<'a> Turns<'a> {
     /// pixels of an eye's screen.
     pub fn paths(&self, which: usize, time_s: f64, frame: &FrameReport) -> [f64; 2] {
         let (options, shot) = (&self.settings[which].1, &self.loaded.shot);
-        let mut paths = frame.traced_pixels().map(|pixels| pixels as f64 / options.settings.size.area() as f64);
+        let traced = frame.traced_pixels();
+        let mut paths = [traced[0], traced[1]].map(|pixels| pixels as f64 / options.settings.size.area() as f64);
         let config = self.renderers[which].config();
         if let Some(polar) = config.envelope.most.polar {
-            for eye in Eye::ALL.into_iter().filter(|eye| *eye == Eye::Left || !options.settings.reproject) {
-                let gaze = config.gaze_at(time_s)[eye as usize];
-                paths[eye as usize] = polar.traced_fraction(gaze, &shot.rig.view(time_s, eye), options.settings.size);
+            for eye in Eye::BOTH.into_iter().filter(|eye| *eye == Eye::LEFT || !options.settings.reproject) {
+                let gaze = config.gaze_at(time_s)[eye.index()];
+                paths[eye.index()] = polar.traced_fraction(gaze, &shot.rig.view(time_s, eye), options.settings.size);
             }
         }
         paths

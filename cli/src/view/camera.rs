@@ -116,7 +116,7 @@ mod tests {
     }
 
     fn middle(rig: &Rig, time_s: f64) -> DVec3 {
-        let [left, right] = Eye::ALL.map(|eye| rig.view(time_s, eye).origin.as_dvec3());
+        let [left, right] = Eye::BOTH.map(|eye| rig.view(time_s, eye).origin.as_dvec3());
         (left + right) / 2.0
     }
 
@@ -139,13 +139,13 @@ mod tests {
         let mut camera = camera();
         let turn = |dragged_rad| Input { dragged_rad, ..Input::default() };
         let (rig, _) = camera.step(&turn([0.5, 0.25]), 0.0);
-        let forward = rig.view(0.0, Eye::Left).forward;
+        let forward = rig.view(0.0, Eye::LEFT).forward;
         assert!((forward.x - 0.25f32.cos() * 0.5f32.sin()).abs() < 1e-6 && (forward.y - 0.25f32.sin()).abs() < 1e-6);
         for step in [0.3, -0.3, 0.01, -5.0, 3.0] {
             for _ in 0..100 {
                 let (rig, _) = camera.step(&turn([0.01, step]), 0.01);
                 assert_eq!(degenerate_time(&rig.keys), None);
-                assert!(rig.view(0.0, Eye::Left).up.y > 0.0);
+                assert!(rig.view(0.0, Eye::LEFT).up.y > 0.0);
             }
         }
     }

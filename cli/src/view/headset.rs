@@ -12,7 +12,7 @@ use crate::report::headset::{HeadsetRow, HeadsetSummary};
 use crate::report::record::FrameRecord;
 use crate::report::rectified::RectifiedFrame;
 use diptych::control::Budget;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::graph::Resource;
 use diptych::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Pixels, Runtime, Shown};
 use diptych::image::display::{DisplayImage, write_png};
@@ -275,17 +275,17 @@ impl Show {
 }
 
 /// Returns an output of the newest frame: buffers if it is on the headset's device, else a host copy.
-fn pixels(session: &mut Session, headset: &Headset, image: Resource) -> Result<Stereo<Pixels>, Failure> {
+fn pixels(session: &mut Session, headset: &Headset, image: Resource) -> Result<PerView<Pixels>, Failure> {
     if headset.renders()
-        && let Some((0, Stereo { left, right })) = session.renderer.output_buffers(image)?
+        && let Some((0, buffers)) = session.renderer.output_buffers(image)?
     {
-        return Ok(Stereo { left: Pixels::Buffer(left), right: Pixels::Buffer(right) });
+        return Ok(buffers.map(Pixels::Buffer));
     }
-    let Stereo { left, right } = session.read(|renderer| renderer.read_output(image))?;
-    Ok(Stereo { left: Pixels::Bytes(left), right: Pixels::Bytes(right) })
+    Ok(session.read(|renderer| renderer.read_output(image))?.map(Pixels::Bytes))
 }
 
-fn side_by_side(Stereo { left, right }: &Stereo<Image<[u8; 4]>>) -> Result<DisplayImage, Failure> {
+fn side_by_side(images: &PerView<Image<[u8; 4]>>) -> Result<DisplayImage, Failure> {
+    let [left, right] = images.outer();
     let opaque = |image: &Image<[u8; 4]>| Image {
         extent: image.extent,
         pixels: image.pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect(),

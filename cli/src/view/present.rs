@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use diptych::device::ScreenDevice;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::display::DisplayImage;
 use diptych::image::{Extent, Image};
 use egui::TexturesDelta;
@@ -85,8 +85,8 @@ impl Presenter {
     }
 
     /// Uploads the eyes' images for the following drawings.
-    pub fn upload(&self, Stereo { left, right }: &EyeImages) {
-        for (layer, image) in [left, right].into_iter().enumerate() {
+    pub fn upload(&self, images: &EyeImages) {
+        for (layer, image) in images.outer().into_iter().enumerate() {
             let Extent { width, height } = image.extent;
             let origin = wgpu::Origin3d { x: 0, y: 0, z: layer as u32 };
             self.screen.gpu.queue.write_texture(

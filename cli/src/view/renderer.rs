@@ -83,7 +83,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         });
         wake();
         if let Some(adaptation) = adaptation.as_mut().filter(|_| index % Adaptation::INTERVAL == 0) {
-            adaptation.meter(&loaded.scene, &session.read(Renderer::read_linear)?.left);
+            adaptation.meter(&loaded.scene, session.read(Renderer::read_linear)?.left());
         }
     }
     session.progress.finish();

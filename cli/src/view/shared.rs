@@ -5,14 +5,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::Image;
 use diptych::quality::FrameQuality;
 
 /// Number of recent frames kept for the plot.
 const REMEMBERED: usize = 120;
 
-pub type EyeImages = Stereo<Image<[u8; 4]>>;
+pub type EyeImages = PerView<Image<[u8; 4]>>;
 
 #[derive(Default)]
 pub struct Shared {

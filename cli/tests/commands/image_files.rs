@@ -217,7 +217,7 @@ fn files_hold_the_eye_that_they_are_named_after() {
     let folder = Folder::new();
     folder.run("render builtin:checker --size 48x32 --denoiser none --quiet --out ./");
     let [left, right] = ["left.exr", "right.exr"].map(|name| read_rgb(&folder.path(name)).unwrap());
-    assert!(left == expected.left && right == expected.right && left != right);
+    assert!(left == *expected.left() && right == *expected.right() && left != right);
 }
 
 #[test]

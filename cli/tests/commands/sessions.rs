@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use diptych::control::Measure;
-use diptych::exec::{Stereo, TaskTiming, TimedTask};
+use diptych::exec::{PerView, TaskTiming, TimedTask};
 use diptych::quality::FrameQuality;
 use diptych::scene::projection::Matrices;
 use diptych::scene::rig::{Eye, Rig};
@@ -35,11 +35,11 @@ fn row(index: u32) -> FrameRow {
     let makespan_ms = makespan_ms(index);
     let in_band = (BUDGET_MS[0]..=BUDGET_MS[1]).contains(&makespan_ms);
     let rung = (index / 50 % 3) as usize;
-    let stage = |device| StageSum { stage: "path_trace", view: Eye::Left, device, busy_ms: 7.25, bytes: None };
+    let stage = |device| StageSum { stage: "path_trace", view: Eye::LEFT, device, busy_ms: 7.25, bytes: None };
     FrameRow {
         index,
         time_s: f64::from(index) / 50.0,
-        cameras: Stereo { left: matrices, right: matrices },
+        cameras: PerView::both(matrices, matrices),
         devices: 2,
         makespan_ms,
         interval_ms: (index > 0).then_some(20.0),
@@ -54,7 +54,7 @@ fn row(index: u32) -> FrameRow {
         bodies_left_out: 0,
         spp_done: None,
         stripes: vec![180, 180],
-        stage_stripes: BTreeMap::from([("path_trace.left".to_owned(), vec![180, 180])]),
+        stage_stripes: BTreeMap::from([("path_trace.left()".to_owned(), vec![180, 180])]),
         transferred_bytes: 4096,
         bytes_between_ranks: None,
         history_rows: Some(3),
@@ -86,7 +86,7 @@ fn task(device: usize) -> TaskTiming {
     TaskTiming {
         stage: "path_trace".into(),
         kind: TimedTask::Upload,
-        view: Eye::Left,
+        view: Eye::LEFT,
         device,
         rows: 0..180,
         begin_ms: 0.0,
@@ -237,9 +237,9 @@ fn rows_in_a_file_are_the_rows() {
         target: glam::DVec3::new(3.0, 2.0, 1.0),
         up: glam::DVec3::Y,
     }]);
-    let matrices = rig.matrices(0.0, Eye::Left, diptych::image::Extent::new(640, 360));
+    let matrices = rig.matrices(0.0, Eye::LEFT, diptych::image::Extent::new(640, 360));
     let rows: Vec<FrameRow> = (0..5)
-        .map(|index| FrameRow { cameras: Stereo { left: matrices, right: matrices }, ..row(index) })
+        .map(|index| FrameRow { cameras: PerView::both(matrices, matrices), ..row(index) })
         .map(|row| FrameRow { predicted_ms: None, makespan_ms: 1.0 / 3.0, rays: u64::MAX, ..row })
         .collect();
     rows.iter().for_each(|row| record.add(row).unwrap());

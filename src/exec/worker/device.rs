@@ -11,9 +11,9 @@ use crate::exec::output::Output;
 use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::exec::{ExecError, InjectedKind};
 use crate::frame::RunConfig;
+use crate::frame::constants::of_views;
 use crate::graph::{Bound, Program};
 use crate::plan::{EyeImage, MOST_TIMED, Rows};
-use crate::scene::rig::Eye;
 use crate::stages::{DeviceStages, Place, Recording};
 use crate::tables::SceneTables;
 
@@ -25,6 +25,8 @@ pub struct WorkerDevice {
     pub clock: GpuClock,
     pool: Pool,
     pub speeds: Speeds,
+    /// Number of views from which others are reprojected.
+    sources: usize,
     origin: Instant,
 }
 
@@ -51,7 +53,8 @@ impl WorkerDevice {
         let usage = wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC;
         let stamp_buffer = gpu.buffer("stamps", 2 * MOST_TIMED as u64 * 8, usage);
         let clock = GpuClock::of(&gpu);
-        Ok(Self { gpu, stages, queries, stamp_buffer, clock, pool: Pool::default(), speeds: Speeds::default(), origin })
+        let (pool, speeds, sources) = (Pool::default(), Speeds::default(), config.buffers.sources);
+        Ok(Self { gpu, stages, queries, stamp_buffer, clock, pool, speeds, sources, origin })
     }
 
     /// Measures the offset of the device's clock. Call this directly before the first frame: the clocks may have
@@ -86,7 +89,8 @@ impl WorkerDevice {
     /// Writes the constants of a frame, and updates the scene's tables, for the next submission.
     pub fn begin(&mut self, job: &FrameJob) {
         self.stages.reload(&mut self.gpu);
-        self.stages.begin(&self.gpu, &job.constants, &job.previous, &job.update);
+        let constants = of_views(&job.constants, &job.previous, &job.views, self.sources);
+        self.stages.begin(&self.gpu, &constants, &job.update);
     }
 
     pub fn encoder(&self) -> wgpu::CommandEncoder {
@@ -152,11 +156,11 @@ impl WorkerDevice {
         Ok(self.clock.host_ms(&ticks, bracket_ms).chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect())
     }
 
-    /// Submits copies of both eyes of `images` to the host; returns their readbacks.
+    /// Submits copies of all views of `images` to the host; returns their readbacks.
     ///
     /// # Errors
     /// [`DeviceFailure`] if `images` contains an image that no pass writes.
-    pub fn request(&mut self, images: &[Output], place: Place) -> Result<Vec<[ReadBack; 2]>, DeviceFailure> {
+    pub fn request(&mut self, images: &[Output], place: Place) -> Result<Vec<Vec<ReadBack>>, DeviceFailure> {
         let mut encoder = self.encoder();
         let mut copies = Vec::new();
         for image in images {
@@ -164,31 +168,33 @@ impl WorkerDevice {
             let resource = resource.ok_or_else(|| format!("no pass writes the image {}", image.name))?;
             let bound = Bound { resource, buffer: 0, is_before: false };
             let (offset, size) = self.stages.images.whole(&resource);
-            copies.push(Eye::ALL.map(|eye| {
-                let source = self.stages.images.buffer(&bound, eye, place);
-                self.pool.record(&self.gpu, &mut encoder, source, offset, size)
-            }));
+            let sources = self.stages.images.views(&bound, place);
+            let record = |source| self.pool.record(&self.gpu, &mut encoder, source, offset, size);
+            copies.push(sources.map(record).collect::<Vec<_>>());
         }
         if copies.is_empty() {
             return Ok(Vec::new());
         }
         let submission = self.gpu.queue.submit([encoder.finish()]);
-        Ok(copies.into_iter().map(|eyes| eyes.map(|copy| copy.submitted(submission.clone()))).collect())
+        Ok(copies
+            .into_iter()
+            .map(|views| views.into_iter().map(|copy| copy.submitted(submission.clone())).collect())
+            .collect())
     }
 
-    /// Returns the buffers of a frame's outputs, for both eyes.
-    pub fn buffers(&self, program: &Program, place: Place) -> Vec<(Output, [wgpu::Buffer; 2])> {
+    /// Returns the buffers of a frame's outputs, for all views.
+    pub fn buffers(&self, program: &Program, place: Place) -> Vec<(Output, Vec<wgpu::Buffer>)> {
         let outputs = program.outputs().map(|number| &program.images()[number]);
-        let buffers = |image: &Bound| Eye::ALL.map(|eye| self.stages.images.buffer(image, eye, place).clone());
+        let buffers = |image: &Bound| self.stages.images.views(image, place).cloned().collect();
         outputs.map(|image| (image.resource.into(), buffers(image))).collect()
     }
 
-    /// Waits for the readbacks of a requested image; returns its bytes, left eye first.
+    /// Waits for the readbacks of a requested image; returns its bytes, the leftmost view first.
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device or the mapping failed.
-    pub fn take(&mut self, [left, right]: [ReadBack; 2]) -> Result<Pixels, DeviceFailure> {
-        Ok([self.finish(left)?.to_vec(), self.finish(right)?.to_vec()])
+    pub fn take(&mut self, views: Vec<ReadBack>) -> Result<Pixels, DeviceFailure> {
+        views.into_iter().map(|view| Ok(self.finish(view)?.to_vec())).collect()
     }
 
     /// Returns true if a submission has completed. With `waits`, waits until it has.

@@ -44,7 +44,7 @@ pub struct Part {
     times: Vec<TaskTime>,
     probing: Probing,
     /// Readbacks of images in progress.
-    images: Vec<[ReadBack; 2]>,
+    images: Vec<Vec<ReadBack>>,
     shown_from: Option<Box<SampledPose>>,
 }
 
@@ -240,7 +240,7 @@ impl Part {
     /// # Errors
     /// [`DeviceFailure`] if the device failed or took too long.
     pub fn take_images(&mut self, device: &mut WorkerDevice, waits: bool) -> Result<Option<FrameReply>, DeviceFailure> {
-        if let Some([_, last]) = self.images.last()
+        if let Some(last) = self.images.last().and_then(|views| views.last())
             && !device.has_ended(&last.submission, waits, self.frame())?
         {
             return Ok(None);

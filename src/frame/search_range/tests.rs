@@ -12,7 +12,7 @@ use crate::scene::rig::{Eye, Rig, RigKey};
 use crate::scene::{Instance, Material, Mesh, Scene, builtin};
 
 fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
-    Eye::ALL.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
+    Eye::BOTH.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
 }
 
 fn rig(to: DVec3, turned: DVec3) -> Rig {
@@ -38,7 +38,7 @@ fn no_point_beyond_the_clearance_moves_by_more_rows() {
             let part = |k: f64| (f64::from(i) * k).fract();
             let (column, row) = ((part(0.618) * 160.0).floor() + 0.5, (part(0.414) * 90.0).floor() + 0.5);
             let distance = clearance / part(0.732).max(1e-6);
-            let view = rig.view(1.0, Eye::Left);
+            let view = rig.view(1.0, Eye::LEFT);
             let ray = view.ray_direction(column, row, Extent::new(160, 90));
             let p = view.origin.as_dvec3() + ray * distance - before[0].origin.as_dvec3();
             let z = p.dot(before[0].forward.as_dvec3());
@@ -241,7 +241,7 @@ fn no_point_beyond_the_clearance_moves_by_more_rings() {
         let mut most: f64 = 0.0;
         for i in 0..20_000 {
             let part = |k: f64| (f64::from(i) * k).fract();
-            let view = rig.view(1.0, Eye::Left);
+            let view = rig.view(1.0, Eye::LEFT);
             let ray = view.ray_direction(part(0.618) * 160.0, part(0.414) * 90.0, screen);
             let p = view.origin.as_dvec3() + ray * clearance / part(0.732).max(1e-6);
             most = most.max((row(&now, p) - row(&last, p)).abs());

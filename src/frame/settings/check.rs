@@ -4,6 +4,7 @@ use super::Settings;
 use crate::image::Extent;
 use crate::projection::within;
 use crate::quality::{Denoiser, Quality, SettingError};
+use crate::scene::rig::Eye;
 use crate::scene::shot::allowed::{ANY, Allowed, FPS, NOT_NEGATIVE, POSITIVE, YFOV};
 use crate::schedule::Balance;
 
@@ -23,6 +24,8 @@ impl Settings {
         self.fps.map_or(Ok(()), |fps| allowed("fps", fps, &FPS))?;
         self.yfov.map_or(Ok(()), |yfov| allowed("yfov", yfov, &YFOV))?;
         self.baseline.map_or(Ok(()), |baseline| allowed("baseline", baseline, &NOT_NEGATIVE))?;
+        self.convergence.map_or(Ok(()), |distance| allowed("convergence", distance, &POSITIVE))?;
+        within("views", self.views.unwrap_or(2), 1..=Eye::MOST_VIEWS as u32)?;
         self.metres_per_unit.map_or(Ok(()), |metres| allowed("metres_per_unit", metres, &POSITIVE))?;
         for (key, point) in [("position", self.position), ("target", self.target)] {
             point.map_or([0.0; 3], |point| point.to_array()).into_iter().try_for_each(|c| allowed(key, c, &ANY))?;

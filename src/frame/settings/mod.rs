@@ -3,6 +3,7 @@
 mod check;
 mod chosen;
 mod needs;
+mod overrides;
 mod scene_value;
 mod table;
 mod value;
@@ -24,7 +25,6 @@ use crate::projection::{LogPolar, PolarSpace};
 use crate::quality::{Denoiser, Filter, Quality};
 use crate::samples::Samples;
 use crate::scene::budget::ByteSize;
-use crate::scene::complete::{Look, Overrides};
 use crate::scene::motion::play::Choice;
 use crate::scene::shot::{Exposure, Gaze, ShotEnvironment};
 use crate::scene::viewpoint::Orbit;
@@ -48,8 +48,16 @@ table::settings! {
         camera: Option<u32> = None;
         /// Vertical field of view, degrees [default: the camera's]
         yfov: Option<f64> = None;
-        /// Interpupillary distance, metres [default: the shot's, else 0.064]
+        /// Number of views, side by side [default: the shot's, else 2, the eyes]
+        ///
+        /// Images of other than two views are called view00, view01 and so on, from left to right.
+        views: Option<u32> = None, of &["render"];
+        /// Views that are path traced, an odd number; others are reprojected from the nearest of them
+        sources: u32 = 1, of &["render"];
+        /// Distance of neighbouring views, metres [default: the shot's, else 0.064]
         baseline: Option<f64> = None;
+        /// Distance where all views show the same, metres [default: the shot's, else infinite]
+        convergence: Option<f64> = None;
         /// Length of a scene unit, metres [default: the shot's, else 1]
         ///
         /// For files in millimetres, give 0.001.
@@ -376,25 +384,5 @@ impl Settings {
     /// Returns the time limit of a reference, if there is one.
     pub fn time_limit(&self) -> Option<Duration> {
         self.time_limit.and_then(|s| Duration::try_from_secs_f64(s).ok())
-    }
-
-    /// Returns what replaces the shot's own camera, light and animation.
-    pub fn overrides(&self, look: Look, time_s: f64) -> Overrides {
-        Overrides {
-            yfov_rad: self.yfov.map(f64::to_radians),
-            baseline_m: self.baseline,
-            metres_per_unit: self.metres_per_unit,
-            exposure: self.exposure,
-            orbit: self.orbit,
-            camera: self.camera.map(|camera| camera as usize),
-            position: self.position,
-            target: self.target,
-            environment: self.environment.clone(),
-            look,
-            tone: self.tonemap,
-            animation: self.animation.clone(),
-            variant: self.variant.clone(),
-            time_s,
-        }
     }
 }

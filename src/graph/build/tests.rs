@@ -13,7 +13,7 @@ const IMAGE: Resource = Resource::image::<u32>("image");
 const OUT: Resource = Resource::image::<u32>("out");
 
 fn pass(name: &'static str, group: Partition, uses: impl IntoIterator<Item = Use>) -> Pass {
-    Pass::new(Stage(name), Eye::Left, group, Kernel::new("test")).uses(uses)
+    Pass::new(Stage(name), Eye::LEFT, group, Kernel::new("test")).uses(uses)
 }
 
 /// Returns the transferred rows of each image, by the device that receives them.
@@ -32,7 +32,7 @@ fn transfers(passes: Vec<Pass>, assignment: &Assignment) -> HashMap<(&'static st
 /// Divides the rows of two devices at row 20 where the image is written, and at row 30 where it is read.
 fn moved() -> Assignment {
     let mut assignment = Assignment::uniform(Stripes::even(60, 2));
-    assignment.set(WRITER, Eye::Left, Stripes::from_edges(60, &[20]));
+    assignment.set(WRITER, Eye::LEFT, Stripes::from_edges(60, &[20]));
     assignment
 }
 

@@ -11,7 +11,7 @@ const TABLE: Resource = Resource::table::<u32>("table", Extent { width: 8, heigh
 const HALO: Seam = Seam::Halo(HaloPlan::RECOMPUTE);
 
 fn pass(group: Partition, uses: impl IntoIterator<Item = Use>) -> Pass {
-    Pass::new(Stage("test"), Eye::Left, group, Kernel::new("test")).uses(uses)
+    Pass::new(Stage("test"), Eye::LEFT, group, Kernel::new("test")).uses(uses)
 }
 
 fn error(passes: Vec<Pass>) -> ProgramError {
@@ -92,7 +92,7 @@ fn outputs_and_history_follow_from_bindings() {
     let names = |numbers: Vec<usize>| numbers.into_iter().map(|n| program.images()[n].name()).collect::<Vec<_>>();
     assert_eq!(names(program.outputs().collect()), ["out"]);
     assert_eq!(names((0..program.images().len()).collect()), ["a", "last_a", "out"]);
-    assert_eq!(program.writer(&A, Eye::Left), Some(PARTITION));
-    assert_eq!(program.writer(&A, Eye::Right), None);
+    assert_eq!(program.writer(&A, Eye::LEFT), Some(PARTITION));
+    assert_eq!(program.writer(&A, Eye::RIGHT), None);
     assert_eq!(pass(PARTITION, []).dispatch, Dispatch::PIXELS);
 }

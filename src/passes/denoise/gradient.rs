@@ -56,16 +56,17 @@ fn change(spec: &FrameSpec) -> Resource {
     Resource::image::<f32>("light_change").on(if is_found(spec) { TILES } else { nothing })
 }
 
-/// Returns the binding of the image `light_change`, which holds the fraction of each tile's history to drop.
-pub fn read_change(spec: &FrameSpec) -> Use {
-    Use::read(change(spec)).of(Eye::MAIN).if_written().named("light_change")
+/// Returns the binding of the image `light_change` of a view's source, which holds the fraction of each tile's history to
+/// drop.
+pub fn read_change(spec: &FrameSpec, view: Eye) -> Use {
+    Use::read(change(spec)).of(view.source()).if_written().named("light_change")
 }
 
-/// Returns the passes that compute gradients. They run before the left eye's accumulation; there are none for the right
-/// eye.
+/// Returns the passes that compute gradients. They run before a source's accumulation; there are none for other
+/// views.
 pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
     // Imported frames have no paths to trace again. No pass writes their `light_change`, whose zeros mean no change.
-    if !is_found(spec) || !view.is_main() || spec.imported {
+    if !is_found(spec) || !view.is_source() || spec.imported {
         return Vec::new();
     }
     let last = |resource| Use::read(resource).before(spec.history_halo());

@@ -48,5 +48,5 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
         let Denoised { before, filter, mut light, .. } = Denoised::new(denoiser, spec, view, None);
         [vec![pass(spec, view)], before, filter, denoiser.finish(spec, view, &mut light)].concat()
     };
-    Eye::ALL.into_iter().flat_map(of_view).collect()
+    spec.eyes().flat_map(of_view).collect()
 }

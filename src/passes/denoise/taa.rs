@@ -45,7 +45,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
             Use::add(TALLY),
             Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),
             last_guide,
-            gradient::read_change(spec),
+            gradient::read_change(spec, view),
         ])
         .chain(Chain::Margin);
     vec![compose, resolve]

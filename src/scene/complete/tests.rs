@@ -236,7 +236,7 @@ fn eyes_follow_an_animated_camera() {
     };
     let at_1s = Overrides { time_s: 1.0, ..Overrides::default() };
     let x = |rig: &Rig, time_s| {
-        let [left, right] = Eye::ALL.map(|eye| rig.view(time_s, eye).origin.x);
+        let [left, right] = Eye::BOTH.map(|eye| rig.view(time_s, eye).origin.x);
         (left + right) / 2.0
     };
     let rig = rig_of(&motion, &at_1s);

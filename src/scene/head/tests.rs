@@ -20,7 +20,7 @@ fn shot() -> Rig {
 fn head_space_is_level_and_in_metres() {
     let rig = HeadMotion::parse(FILE.as_bytes()).unwrap().rig(&shot()).unwrap();
     let close = |a: glam::Vec3, b: [f64; 3]| assert!((a.as_dvec3() - DVec3::from(b)).length() < 1e-4, "{a}");
-    let [first, last] = [1.0, 3.0].map(|t| Rig { baseline_m: 0.0, ..rig.clone() }.view(t, Eye::Left));
+    let [first, last] = [1.0, 3.0].map(|t| Rig { baseline_m: 0.0, ..rig.clone() }.view(t, Eye::LEFT));
     close(first.forward, [1.0, 0.0, 0.0]);
     close(first.origin, [10.0, 20.0, 30.0]);
     // The head is 20 cm to the right and 10 cm ahead, turned left by a quarter.
@@ -32,11 +32,11 @@ fn head_space_is_level_and_in_metres() {
 #[test]
 fn head_turns_at_constant_speed_between_samples() {
     let rig = HeadMotion::parse(FILE.as_bytes()).unwrap().rig(&shot()).unwrap();
-    let forward = |time_s| rig.view(time_s, Eye::Right).forward;
+    let forward = |time_s| rig.view(time_s, Eye::RIGHT).forward;
     for (time_s, degrees) in [(0.0, 0.0), (1.0, 0.0), (1.5, 22.5), (2.0, 45.0), (2.9, 85.5), (3.0, 90.0), (8.0, 90.0)] {
         let turned = forward(time_s).angle_between(glam::Vec3::X).to_degrees();
         assert!((turned - degrees).abs() < 0.05, "{turned} at {time_s}");
-        assert_eq!(rig.at(time_s).view(0.0, Eye::Right), rig.view(time_s, Eye::Right));
+        assert_eq!(rig.at(time_s).view(0.0, Eye::RIGHT), rig.view(time_s, Eye::RIGHT));
     }
 }
 
@@ -64,7 +64,7 @@ fn recorded_motion_is_replayed() {
     assert_eq!(read.gaze().unwrap().map(|gaze| gaze.at(0.2)), [[0.1, 0.9], [0.1, 0.2]]);
     let again = read.rig(&shot).unwrap();
     for (i, at_s) in [0.9, 1.3, 2.2, 3.0].into_iter().enumerate() {
-        let [a, b] = [rig.view(at_s, Eye::Left), again.view(0.1 * i as f64, Eye::Left)];
+        let [a, b] = [rig.view(at_s, Eye::LEFT), again.view(0.1 * i as f64, Eye::LEFT)];
         for (a, b) in [(a.origin, b.origin), (a.right, b.right), (a.up, b.up), (a.forward, b.forward)] {
             assert!((a - b).length() < 1e-5, "{a} {b}");
         }

@@ -35,7 +35,7 @@ fn symmetric_eyes_keep_their_projection() {
     let size = Extent::new(200, (200.0 * tan[1] / tan[0]) as u32);
     let grid = optics.grid(size, 1.0).unwrap();
     assert!(grid.width.abs_diff(204) <= 2 && grid.height.abs_diff(size.height + 4) <= 2, "{grid:?}");
-    let h = optics.homography(Eye::Left, size, grid);
+    let h = optics.homography(Eye::LEFT, size, grid);
     let at = h * DVec3::new(100.0, f64::from(size.height) / 2.0, 1.0);
     let middle = DVec2::new(f64::from(grid.width), f64::from(grid.height)) / 2.0;
     assert!((DVec2::new(at.x, at.y) / at.z - middle).length() < 1e-6);
@@ -48,7 +48,7 @@ fn shared_projection_covers_eyes_at_full_resolution() {
     // The vertical and the horizontal field of view are symmetric.
     let grid = optics.grid(SIZE, 1.0).unwrap();
     let mut reached = [f64::INFINITY; 4];
-    for side in Eye::ALL {
+    for side in Eye::BOTH {
         let own = eyes.of(side);
         let h = optics.homography(side, SIZE, grid);
         let seen = |[x, y]: [f64; 2]| {
@@ -68,7 +68,7 @@ fn shared_projection_covers_eyes_at_full_resolution() {
             reached = std::array::from_fn(|i| reached[i].min(room[i]));
         }
         // On its axis, a pixel of the eye covers at least one of the frame in every direction.
-        let Fov { left, right, up, down } = optics.lenses[side as usize].tan;
+        let Fov { left, right, up, down } = optics.lenses[side.index()].tan;
         let ahead = [80.0 * left / (left - right), 90.0 * up / (up - down)];
         for turn in 0..8 {
             let (sin, cos) = (f64::from(turn) * 0.4).sin_cos();

@@ -18,7 +18,7 @@ fn eyes_share_orientation_and_differ_by_the_baseline() {
     let rig = path();
     for i in 0..40 {
         let time_s = f64::from(i) * 0.07 - 0.3;
-        let [left, right] = Eye::ALL.map(|eye| rig.view(time_s, eye));
+        let [left, right] = Eye::BOTH.map(|eye| rig.view(time_s, eye));
         assert_eq!(left.right.to_array().map(f32::to_bits), right.right.to_array().map(f32::to_bits));
         assert_eq!(left.up.to_array().map(f32::to_bits), right.up.to_array().map(f32::to_bits));
         assert_eq!(left.forward.to_array().map(f32::to_bits), right.forward.to_array().map(f32::to_bits));
@@ -31,7 +31,7 @@ fn eyes_share_orientation_and_differ_by_the_baseline() {
 
 #[test]
 fn axes_are_orthonormal_and_right_handed() {
-    let view = path().view(0.9, Eye::Left);
+    let view = path().view(0.9, Eye::LEFT);
     for axis in [view.right, view.up, view.forward] {
         assert!((axis.length() - 1.0).abs() < 1e-6);
     }
@@ -44,19 +44,19 @@ fn axes_are_orthonormal_and_right_handed() {
 fn path_is_linear_between_keys_and_held_outside() {
     let mut rig = path();
     rig.baseline_m = 0.0;
-    let origin = |time_s| rig.view(time_s, Eye::Right).origin;
+    let origin = |time_s| rig.view(time_s, Eye::RIGHT).origin;
     assert_eq!(origin(-5.0), origin(0.0));
     assert_eq!(origin(0.0), Vec3::new(0.0, 1.6, 2.5));
     assert_eq!(origin(2.0), Vec3::new(0.6, 1.6, 1.2));
     assert_eq!(origin(99.0), origin(2.0));
     assert!((origin(0.5) - Vec3::new(0.15, 1.6, 2.175)).length() < 1e-6);
-    assert_eq!(rig.view(1.0, Eye::Left), rig.view(1.0, Eye::Right));
-    assert_eq!(rig.at(0.7).view(5.0, Eye::Left), rig.view(0.7, Eye::Left));
+    assert_eq!(rig.view(1.0, Eye::LEFT), rig.view(1.0, Eye::RIGHT));
+    assert_eq!(rig.at(0.7).view(5.0, Eye::LEFT), rig.view(0.7, Eye::LEFT));
 }
 
 #[test]
 fn pixel_zero_is_top_left_and_pixels_are_square() {
-    let view = rig(vec![key(0.0, [0.0; 3], [0.0, 0.0, -1.0])]).view(0.0, Eye::Left);
+    let view = rig(vec![key(0.0, [0.0; 3], [0.0, 0.0, -1.0])]).view(0.0, Eye::LEFT);
     let extent = Extent::new(40, 20);
     let tan = f64::from(view.tan_half_yfov);
     let close = |a: DVec3, b: [f64; 3]| assert!((a - DVec3::from(b).normalize()).length() < 1e-7, "{a}");
@@ -75,7 +75,7 @@ fn world_points_lie_on_the_same_row_in_both_eyes() {
         let d = point - view.origin.as_dvec3();
         d.dot(view.up.as_dvec3()) / d.dot(view.forward.as_dvec3())
     };
-    assert!((row(Eye::Left) - row(Eye::Right)).abs() < 1e-6);
+    assert!((row(Eye::LEFT) - row(Eye::RIGHT)).abs() < 1e-6);
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn framing_sees_every_corner_at_any_scale() {
         let bounds = Bounds { min: unit.min * scale, max: unit.max * scale };
         let rig = Rig::framing(bounds, 1.0);
         assert!(rig.baseline_m <= 0.064);
-        for eye in Eye::ALL {
+        for eye in Eye::BOTH {
             let view = rig.view(0.0, eye);
             for corner in 0..8 {
                 let pick = |axis: usize| {
@@ -121,7 +121,7 @@ fn framing_of_degenerate_bounds_is_finite() {
     let all = Bounds { min: Vec3::splat(-1e38), max: Vec3::splat(f32::MAX) };
     let end = Bounds { min: Vec3::MAX, max: Vec3::MAX };
     for bounds in [empty, point, all, end] {
-        let view = Rig::framing(bounds, 1.0).view(0.0, Eye::Left);
+        let view = Rig::framing(bounds, 1.0).view(0.0, Eye::LEFT);
         assert!(view.origin.is_finite() && view.right.is_finite());
         assert_eq!(view.forward, Vec3::NEG_Z);
     }
@@ -135,18 +135,18 @@ fn camera_becomes_the_rig_between_the_eyes() {
         Vec3::new(1.0, 2.0, 3.0),
     );
     let rig = Rig::from_camera(Camera { world_from_view, yfov_rad: 0.8 });
-    let view = rig.view(0.0, Eye::Right);
+    let view = rig.view(0.0, Eye::RIGHT);
     assert!((view.forward - Vec3::X).length() < 1e-6);
     assert!((view.right - Vec3::Z).length() < 1e-6);
     assert!((view.origin - Vec3::new(1.0, 2.0, 3.032)).length() < 1e-6);
     assert!((view.tan_half_yfov - 0.4f32.tan()).abs() < 1e-6);
 
     let flat = Camera { world_from_view: Affine3A::from_scale(Vec3::ZERO), yfov_rad: 0.8 };
-    assert_eq!(Rig::from_camera(flat).view(0.0, Eye::Left).forward, Vec3::NEG_Z);
+    assert_eq!(Rig::from_camera(flat).view(0.0, Eye::LEFT).forward, Vec3::NEG_Z);
 }
 
 #[test]
 fn eyes_are_written_in_lower_case() {
-    assert_eq!(serde_json::to_string(&Eye::Left).unwrap(), "\"left\"");
-    assert_eq!(Eye::Right.to_string(), "right");
+    assert_eq!(serde_json::to_string(&Eye::LEFT).unwrap(), "\"left\"");
+    assert_eq!(Eye::RIGHT.to_string(), "right");
 }

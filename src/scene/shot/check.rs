@@ -6,7 +6,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use toml::Spanned;
 
-use super::allowed::{ANY, Allowed, CONE, DISC, FRACTION, NOT_NEGATIVE, POSITIVE, STOPS, YFOV, fits_f32};
+use super::allowed::{ANY, Allowed, CONE, DISC, FRACTION, NOT_NEGATIVE, POSITIVE, STOPS, VIEWS, YFOV, fits_f32};
 use super::file::{
     EnvironmentTable, ExposureTable, KeyTable, Kind, LightTable, MoveKeyTable, MoveTable, Number, RigTable, ShotFile,
     Triple,
@@ -113,6 +113,8 @@ impl Check<'_> {
         let t = table.get_ref();
         let rig = PartialRig {
             yfov_rad: self.optional("rig.yfov_deg", t.yfov_deg.as_ref(), &YFOV)?.map(f64::to_radians),
+            views: self.optional("rig.views", t.views.as_ref(), &VIEWS)?.map(|views| views as usize),
+            convergence_m: self.optional("rig.convergence_m", t.convergence_m.as_ref(), &POSITIVE)?,
             baseline_m: self.optional("rig.baseline_m", t.baseline_m.as_ref(), &NOT_NEGATIVE)?,
             metres_per_unit: self.optional("rig.metres_per_unit", t.metres_per_unit.as_ref(), &POSITIVE)?,
             keys: self.keys(&t.key)?,

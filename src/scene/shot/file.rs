@@ -30,7 +30,9 @@ pub struct ShotFile {
 #[serde(deny_unknown_fields)]
 pub struct RigTable {
     pub yfov_deg: Option<Number>,
+    pub views: Option<Number>,
     pub baseline_m: Option<Number>,
+    pub convergence_m: Option<Number>,
     pub metres_per_unit: Option<Number>,
     #[serde(default)]
     pub key: Vec<Spanned<KeyTable>>,

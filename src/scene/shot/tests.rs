@@ -306,7 +306,7 @@ fn mutated_shots_are_finite_or_rejected_by_line() {
             Ok(shot) => {
                 accepted += 1;
                 for time_s in [-1.0, 0.0, 0.3, 1.0, 1.7, 5.0] {
-                    let view = shot.rig.view(time_s, crate::scene::rig::Eye::Right);
+                    let view = shot.rig.view(time_s, crate::scene::rig::Eye::RIGHT);
                     let finite = view.origin.is_finite() && view.right.is_finite() && view.up.is_finite();
                     assert!(finite && view.forward.is_finite(), "{text}");
                 }

@@ -7,6 +7,7 @@ use toml::Value;
 
 use super::{SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use crate::scene::motion::play::{Move, Moved, Play};
+use crate::scene::rig::Rig;
 
 /// Returns the text of the file.
 pub fn text(shot: &Shot) -> String {
@@ -84,15 +85,29 @@ fn rig(text: &mut String, shot: &Shot) {
     let _ = write!(
         text,
         "\n[rig]\n# Vertical field of view of each eye.\nyfov_deg = {yfov_deg:?}\n# Distance between the eyes; 0 gives \
-         both the same view.\nbaseline_m = {:?}\n# Scale of the scene.\nmetres_per_unit = {:?}\n\n# The point between \
+         both the same view.\nbaseline_m = {:?}\n{}# Scale of the scene.\nmetres_per_unit = {:?}\n\n# The point between \
          the eyes, in scene units. Several keys make a path, linear between them.\n",
-        rig.baseline_m, rig.metres_per_unit
+        rig.baseline_m,
+        views(rig),
+        rig.metres_per_unit
     );
     for key in &rig.keys {
         let [position, target, up] = [key.position, key.target, key.up].map(|v| numbers(&v.to_array()));
         let time_s = key.time_s;
         let _ = write!(text, "[[rig.key]]\ntime_s = {time_s:?}\nposition = {position}\ntarget = {target}\nup = {up}\n");
     }
+}
+
+/// Returns the lines about the views that differ from the default.
+fn views(rig: &Rig) -> String {
+    let count = if rig.views == 2 {
+        String::new()
+    } else {
+        format!("# Number of views, side by side.\nviews = {}\n", rig.views)
+    };
+    let converge =
+        |distance_m| format!("# Distance at which all views show the same.\nconvergence_m = {distance_m:?}\n");
+    count + &rig.convergence_m.map_or_else(String::new, converge)
 }
 
 fn environment(text: &mut String, environment: Option<&ShotEnvironment>) {

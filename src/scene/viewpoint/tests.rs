@@ -24,7 +24,7 @@ fn found(scene: &Scene) -> Viewpoint {
 
 /// Returns a point's position in the left eye's image: -1 to 1 over its height.
 fn seen_at(rig: &Rig, point: Vec3) -> [f32; 2] {
-    let view = rig.view(0.0, Eye::Left);
+    let view = rig.view(0.0, Eye::LEFT);
     let d = point - view.origin;
     let depth = d.dot(view.forward);
     assert!(depth > 0.0, "{point} is behind");
@@ -75,7 +75,7 @@ fn degenerate_scenes_get_a_finite_viewpoint() {
     let line = Mesh { positions: vec![Vec3::ZERO, Vec3::X], triangles: vec![[0, 1, 0]], ..Mesh::default() };
     let point = Mesh { positions: vec![Vec3::ONE], triangles: vec![[0, 0, 0]], ..Mesh::default() };
     for meshes in [vec![], vec![line], vec![point]] {
-        let view = found(&scene(meshes, Affine3A::IDENTITY)).rig.view(0.0, Eye::Left);
+        let view = found(&scene(meshes, Affine3A::IDENTITY)).rig.view(0.0, Eye::LEFT);
         assert!(view.origin.is_finite() && view.forward.is_finite() && view.right.is_finite());
     }
 }

@@ -32,7 +32,7 @@ pub struct FrameCosts {
     pub stages: Vec<StageCost>,
     pub transfers: Vec<TransferCost>,
     /// Counted rays, by eye and row of the frame.
-    pub rays: [Vec<u32>; 2],
+    pub rays: Vec<Vec<u32>>,
     /// Time from the start of the frame to the first stage, for each device that ran a stage. Empty if devices were
     /// still busy with another frame or an earlier attempt.
     pub lead_ms: Vec<(usize, f64)>,

@@ -21,11 +21,11 @@ impl CostModel {
                 }
             };
             // Only rays differ by view; rows count the same on both.
-            let view = if stage.work == Work::Rays { stage.view } else { Eye::MAIN };
+            let view = if stage.work == Work::Rays { stage.view } else { stage.view.main() };
             add((stage.work, view), self.relative_cost.of(stage.stage));
             if stage.work == Work::Rays {
                 let pixels_per_row = f64::from(self.program.extent.width);
-                add((Work::Rows, Eye::MAIN), self.idle_rays[number].per_pixel() * pixels_per_row);
+                add((Work::Rows, stage.view.main()), self.idle_rays[number].per_pixel() * pixels_per_row);
             }
         }
         StripeCosts { model: self, parts }

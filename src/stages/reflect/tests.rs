@@ -41,7 +41,7 @@ fn uses() -> [Use; 4] {
 }
 
 fn check(kernel: Kernel, uses: impl IntoIterator<Item = Use>) -> Result<(), Mismatch> {
-    verify(&Pass::new(Stage("test"), Eye::Left, Partition("test"), kernel).uses(uses))
+    verify(&Pass::new(Stage("test"), Eye::LEFT, Partition("test"), kernel).uses(uses))
 }
 
 #[test]

@@ -140,7 +140,7 @@ impl Recording {
         let row = |eye: usize| (f64::from(width) * (1.0 + usual[eye] * scale)).round() as u32;
         FrameCosts {
             stages: sample.stages.iter().flat_map(cost).collect(),
-            rays: [0, 1].map(|eye| vec![row(eye); height as usize]),
+            rays: [0, 1].map(|eye| vec![row(eye); height as usize]).to_vec(),
             tail_ms: sample.overhead_ms,
             relative_cost: self.relative_costs[rung].clone(),
             ..FrameCosts::default()
@@ -179,7 +179,7 @@ fn sample(names: &[String], values: &mut impl Iterator<Item = f64>, stages: &[St
         match name.split_once(' ') {
             Some((stage, view)) => match stages.iter().find(|s| s.name() == stage) {
                 Some(stage) => {
-                    sample.stages.push((*stage, if view == "left" { Eye::Left } else { Eye::Right }, value / 1e3));
+                    sample.stages.push((*stage, if view == "left" { Eye::LEFT } else { Eye::RIGHT }, value / 1e3));
                 }
                 // The replayed program is that of a static scene.
                 None => sample.overhead_ms += value / 1e3,

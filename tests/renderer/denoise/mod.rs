@@ -7,7 +7,6 @@ use crate::black::{self, BLACK, RED, WHITE, colored, mean, textured};
 use crate::common::{Stage, Subject, devices, give_back};
 use diptych::RunConfig;
 use diptych::denoise::{FrameDenoiser, Given, Settings};
-use diptych::exec::Stereo;
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics;
 use diptych::passes::Aov;
@@ -58,15 +57,16 @@ fn noisy(subject: &Subject, times_s: &[f64]) -> Vec<[Noisy; 2]> {
     let frame = |(index, &time_s): (u32, &f64)| {
         let linear = stage.frame_at(time_s, index).linear;
         let mut aov = |i: usize| {
-            let Stereo { left, right } = stage.renderer().read_aov_pixels(i).unwrap();
+            let [left, right] = stage.renderer().read_aov_pixels(i).unwrap().into_outer();
             [left, right].map(|values| values.as_chunks().0.to_vec())
         };
         let mut guides = [0, 1, 2, 3].map(&mut aov);
-        let mut view = |eye, color| {
-            let guides = guides.each_mut().map(|eyes| std::mem::take(&mut eyes[eye as usize]));
+        let mut view = |eye: Eye, color| {
+            let guides = guides.each_mut().map(|eyes| std::mem::take(&mut eyes[eye.index()]));
             Noisy { camera: subject.rig.view(time_s, eye), color, guides }
         };
-        [view(Eye::Left, linear.left), view(Eye::Right, linear.right)]
+        let [left, right] = linear.into_outer();
+        [view(Eye::LEFT, left), view(Eye::RIGHT, right)]
     };
     (0..).zip(times_s).map(frame).collect()
 }
@@ -102,7 +102,7 @@ fn assert_error_falls(shot: &str, end_s: f64, step_s: f64) {
     let mut config = plain(&subject, 128);
     config.seed = 99;
     let reference = Stage::alone(&subject, &config).frame_at(end_s, 0).linear;
-    for (eye, right) in [reference.left, reference.right].iter().enumerate() {
+    for (eye, right) in reference.into_outer().iter().enumerate() {
         let traced = rmse(right, &frames[FRAMES as usize - 1][eye].color);
         let [first, last] = [&alone[0][eye], &found[FRAMES as usize - 1][eye]].map(|image| rmse(right, image));
         println!("{shot} eye {eye}: RMSE {traced:.4} as traced, {first:.4} alone, {last:.4} with history");

@@ -13,7 +13,8 @@ const LIGHT: f32 = 0.5;
 /// Width of stripes of light and shadow, pixels.
 const STRIPE: u32 = 4;
 
-const CAMERA: View = View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::NEG_Z, tan_half_yfov: 0.5 };
+const CAMERA: View =
+    View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::NEG_Z, tan_half_yfov: 0.5, shift_x: 0.0 };
 
 /// Returns the mean radiance of a column of pixels.
 fn light(x: u32, is_striped: bool) -> f32 {

@@ -14,12 +14,12 @@ fn auxiliary_images_show_the_mirrors_themselves() {
         (settings.follow_mirrors, settings.buffers.aovs) = (follow_mirrors, aovs.to_vec());
         let mut stage = Stage::alone(&subject, &settings);
         let frame = stage.frame(0).linear;
-        (frame, aovs.iter().enumerate().map(|(i, _)| stage.aov(i)).collect::<Vec<Stereo<_>>>())
+        (frame, aovs.iter().enumerate().map(|(i, _)| stage.aov(i)).collect::<Vec<PerView<_>>>())
     };
     let [(followed, of_followed), (blurred, of_blurred)] = [true, false].map(render);
-    assert!(followed.left.pixels != blurred.left.pixels, "no mirror is followed");
+    assert!(followed.left().pixels != blurred.left().pixels, "no mirror is followed");
     for ((aov, a), b) in aovs.iter().zip(of_followed).zip(of_blurred) {
-        assert!(a.left == b.left && a.right == b.right, "{}", aov.name());
+        assert!(a.left() == b.left() && a.right() == b.right(), "{}", aov.name());
     }
 }
 
@@ -32,12 +32,12 @@ fn vectors<const N: usize>(subject: &Subject, filter: Option<Filter>, aovs: [Aov
     settings.buffers.aovs = aovs.to_vec();
     let mut stage = Stage::alone(subject, &settings);
     stage.frame(0);
-    let images: [Stereo<Vec<Vec<f32>>>; N] = std::array::from_fn(|i| stage.aov(i));
+    let images: [PerView<Vec<Vec<f32>>>; N] = std::array::from_fn(|i| stage.aov(i));
     let image = |channels: &[Vec<f32>]| {
         let pixel = |at: usize| [0, 1, 2].map(|c: usize| channels[c][at]);
         Image { extent: EXTENT, pixels: (0..EXTENT.area()).map(pixel).collect() }
     };
-    [images.each_ref().map(|eyes| image(&eyes.left)), images.each_ref().map(|eyes| image(&eyes.right))]
+    [images.each_ref().map(|eyes| image(eyes.left())), images.each_ref().map(|eyes| image(eyes.right()))]
 }
 
 fn distance(a: [f32; 3], b: [f32; 3]) -> f32 {
@@ -75,7 +75,7 @@ fn mirror_aovs_match_copies_behind_an_opening() {
 #[test]
 fn right_eye_finds_surfaces_shown_in_a_mirror() {
     let rig = room(Wall::Mirror).rig;
-    let world_to_ndc = rig.matrices(0.0, Eye::Right, EXTENT).world_to_ndc;
+    let world_to_ndc = rig.matrices(0.0, Eye::RIGHT, EXTENT).world_to_ndc;
     let find = |surfaces: [Surfaces; 2]| surfaces[0].in_other_eye(&surfaces[1], &world_to_ndc, [0.5; 2]).unwrap();
     let opening = vectors(&room(Wall::Opening), None, [Aov::Position, Aov::Normal]);
     let behind: Vec<_> = opening[0][0].pixels.iter().map(|p| p[2] < MIRROR_Z).collect();

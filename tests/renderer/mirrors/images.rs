@@ -41,7 +41,7 @@ fn surfaces(subject: &Subject, extent: Extent, times_s: &[f64]) -> [Surfaces; 2]
     let centre: DVec2 = reports.last().expect("there are frames").pixel_centre.map(f64::from).into();
     let images = ["hit", "guide", "last_surface"].map(|name| {
         let eyes = stage.renderer().read_output(Resource::image::<[u32; 4]>(name)).unwrap();
-        [eyes.left, eyes.right].map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
+        eyes.into_outer().map(|bytes| bytemuck::pod_collect_to_vec::<u8, [u32; 4]>(&bytes))
     });
     [0, 1].map(|eye| {
         let [hit, guide, last] = images.each_ref().map(|eyes| eyes[eye].clone());
@@ -90,7 +90,7 @@ fn previous_mirror_images_match_an_opening() {
         let name = &mirror.name;
         let extent = Extent::new(160, 120);
         let [[seen, _], [expected, _]] = [&mirror, &opening].map(|subject| surfaces(subject, extent, &times));
-        let view = mirror.rig.view(times[1], Eye::Left);
+        let view = mirror.rig.view(times[1], Eye::LEFT);
         let is_same = |at: &usize| {
             let image = seen.image(*at, &view, extent);
             let is_surface = seen.is_mirrored(*at) && expected.guide[*at][3] != NO_NORMAL;
@@ -135,7 +135,7 @@ fn images_in_balls_match_a_search_in_the_other_eye() {
         let mut subject = room_with_ball(name, material);
         subject.rig.baseline_m = baseline_m;
         let [seen, other] = surfaces(&subject, EXTENT, &[0.0]);
-        let [left, right] = Eye::ALL.map(|eye| subject.rig.view(0.0, eye));
+        let [left, right] = Eye::BOTH.map(|eye| subject.rig.view(0.0, eye));
         let material = |seen: &Surfaces, at: usize| seen.hit[at][3] & 0x00ff_ffff;
         let mut off = Vec::new();
         for at in (0..seen.hit.len()).filter(|at| seen.is_mirrored(*at)) {
@@ -172,9 +172,9 @@ fn previous_images_in_rolling_balls_match_a_search() {
         draft.swing(node, DVec3::Z, -1.5);
         draft.body(ball, node, None, Vec::new());
         let mut subject = subject(name, draft.done());
-        let view = subject.rig.view(0.0, Eye::Left);
+        let view = subject.rig.view(0.0, Eye::LEFT);
         subject.rig = still_rig(view.origin, view.forward, view.up, view.tan_half_yfov);
-        let view = subject.rig.view(0.0, Eye::Left);
+        let view = subject.rig.view(0.0, Eye::LEFT);
         let times = [0.1, 0.1 + 1.0 / FPS];
         let [[was, _], [is, _]] = [1, 2].map(|frames| surfaces(&subject, EXTENT, &times[..frames]));
         let mut off = Vec::new();

@@ -64,7 +64,7 @@ fn hold(subject: &Subject, last_s: f64, now_s: f64, least_moved: usize) {
     let motion = stage.aov(0);
     let [now, last] = [now_s, last_s].map(|time_s| triangles(&subject.scene.at(time_s)));
     let mut moved = 0;
-    for (eye, planes) in [(Eye::Left, &motion.left), (Eye::Right, &motion.right)] {
+    for (eye, planes) in [(Eye::LEFT, motion.left()), (Eye::RIGHT, motion.right())] {
         let [view, before] = [now_s, last_s].map(|time_s| subject.rig.view(time_s, eye));
         let mut wrong = Vec::new();
         for (at, (dx, dy)) in planes[0].iter().zip(&planes[1]).enumerate() {

@@ -4,7 +4,7 @@ use crate::common::{Stage, Subject, is_thorough, with};
 use crate::pictures::mean;
 use crate::reference::scenes::moving::{self, Draft};
 use crate::reference::scenes::{add_material, add_matte, add_mesh, append, instance, matte, place, quad};
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::scene::motion::Target;
@@ -55,14 +55,14 @@ fn things(mesh: impl Fn(usize, usize) -> Mesh) -> Scene {
 const Z: f32 = 0.3;
 
 /// Returns square error over square radiance of the left eye, over these pixels.
-fn error(right: &Stereo<RgbImage>, found: &Stereo<RgbImage>, pixels: &[usize]) -> f64 {
+fn error(right: &PerView<RgbImage>, found: &PerView<RgbImage>, pixels: &[usize]) -> f64 {
     let values = |image: &RgbImage| pixels.iter().flat_map(|p| image.pixels[*p]).map(f64::from).collect::<Vec<_>>();
-    let (right, found) = (values(&right.left), values(&found.left));
+    let (right, found) = (values(right.left()), values(found.left()));
     let square = right.iter().zip(&found).map(|(x, y)| (x - y).powi(2)).sum::<f64>();
     square / right.iter().map(|x| x.powi(2)).sum::<f64>()
 }
 
-fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
+fn reference(subject: &Subject, time_s: f64, spp: u32) -> PerView<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     (settings.seed, settings.envelope.most.spp) = (99, spp.into());
     settings.envelope.most.bounces = 2;
@@ -71,7 +71,7 @@ fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
 
 /// Returns the last frame of a sequence, with its pixels on the moving and on the static object, at least `inside`
 /// pixels from their borders.
-fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (Stereo<RgbImage>, [Vec<usize>; 2]) {
+fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (PerView<RgbImage>, [Vec<usize>; 2]) {
     let mut settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
     settings.buffers.aovs = vec![Aov::Motion, Aov::Position];
     let mut stage = Stage::alone(subject, &settings);
@@ -80,7 +80,7 @@ fn arrived(subject: &Subject, begins_anew: bool, inside: usize) -> (Stereo<RgbIm
         stage.frame_at(f64::from(i) / FPS, i).linear
     });
     let last = frames.last().unwrap();
-    let (motion, position) = (stage.aov(0).left, stage.aov(1).left);
+    let (motion, position) = (stage.aov(0).into_left(), stage.aov(1).into_left());
     let is_on =
         |p: usize, moves: bool| (position[2][p] - Z).abs() < 1e-3 && (motion[0][p].hypot(motion[1][p]) > 0.2) == moves;
     let (width, height) = (WIDTH as usize, HEIGHT as usize);
@@ -128,7 +128,7 @@ fn switched_light_is_correct_after_four_frames() {
     let subject = watched(moving::switched());
     let settings = with(subject.accumulated(WIDTH, HEIGHT), |config| config.envelope.most.bounces = 2);
     let mut stage = Stage::alone(&subject, &settings);
-    let mean = |image: &Stereo<RgbImage>| mean(&image.left);
+    let mean = |image: &PerView<RgbImage>| mean(image.left());
     const BEFORE: u32 = 16;
     let time_s = |i: u32| moving::SWITCH_S + (f64::from(i) - f64::from(BEFORE)) / FPS;
     let frames: Vec<f64> = (0..BEFORE + 8).map(|i| mean(&stage.frame_at(time_s(i) + 1e-4, i).linear)).collect();

@@ -44,7 +44,7 @@ fn play_at(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], strid
         stage.set(move |params| params.quality = quality);
         stage.frame_at(0.3 + f64::from(i) / fps, stride * i);
     }
-    let mut read = |name| stage.renderer().read_output(Resource::image::<u32>(name)).unwrap().left;
+    let mut read = |name| stage.renderer().read_output(Resource::image::<u32>(name)).unwrap().into_left();
     let dropped: Vec<f32> = bytemuck::pod_collect_to_vec(&read("light_change"));
     Last {
         gradients: bytemuck::pod_collect_to_vec(&read("gradient")),

@@ -67,14 +67,14 @@ fn same_bytes_of_very_short_or_narrow_frames() {
 #[test]
 fn same_bytes_with_any_seed_sampler_and_spp() {
     let subject = Subject::load("builtin:checker");
-    let mut last: Option<Stereo<RgbImage>> = None;
+    let mut last: Option<PerView<RgbImage>> = None;
     for (seed, spp, sampler, reproject) in
         [(7, 3, Sampler::Sobol, true), (0xffff_ffff, 3, Sampler::Pcg, false), (12345, 1, Sampler::Pcg, true)]
     {
         let mut settings = RunConfig { seed, sampler, ..subject.denoised(WIDTH, HEIGHT) };
         (settings.envelope.most.spp, settings.buffers.reproject) = (spp.into(), reproject);
         let one = hold(&format!("seed {seed}, {spp} spp"), &subject, &settings, &[0.0], &[even(3)]).remove(0).linear;
-        assert!(last.is_none_or(|l| l.left != one.left), "seed {seed} changes nothing");
+        assert!(last.is_none_or(|l| l.left() != one.left()), "seed {seed} changes nothing");
         last = Some(one);
     }
 }
@@ -113,7 +113,7 @@ fn same_bytes_of_resampled_eyes_on_several_devices() {
         (settings.buffers.reproject, settings.envelope.most.filter) = (true, Some(Filter::new(Denoiser::SVGF, 3)));
         change(&mut settings);
         let [one, two, three] = [1, 2, 3].map(|devices| even(devices).frames(&subject, &settings, &every(0.02, 2)));
-        assert_eq!(one[0].linear.left.extent, eyes::size(40));
+        assert_eq!(one[0].linear.left().extent, eyes::size(40));
         for (expected, found) in one.iter().chain(&one).zip(two.iter().chain(&three)) {
             assert_equal(kind, &expected.linear, &found.linear);
         }
@@ -193,7 +193,7 @@ fn hold_history(case: &str, subject: &Subject, settings: &RunConfig, times_s: &[
     let history: Vec<_> = one.iter().map(|f| f.report.spec.history_rows).collect();
     assert!(history[0].is_none() && history[1..].iter().all(Option::is_some), "{case}: {history:?}");
     let fresh = Stage::even(subject, settings, 1).frame_at(times_s[5], 5).linear;
-    let is_changed = one[5].linear.left != fresh.left && one[5].linear.right != fresh.right;
+    let is_changed = one[5].linear.left() != fresh.left() && one[5].linear.right() != fresh.right();
     assert!(is_changed, "{case}: history changes nothing");
 }
 

@@ -98,7 +98,7 @@ fn exposure_changes_display_images_but_not_radiance() {
                 let exposure_ev = ev_of(index);
                 stage.set(move |params| params.exposure_ev = exposure_ev);
                 let linear = stage.frame_at(f64::from(index) * 0.05, index).linear;
-                (linear, stage.renderer().read_display().unwrap().left.pixels)
+                (linear, stage.renderer().read_display().unwrap().into_left().pixels)
             };
             (0..4).map(frame).collect::<Vec<_>>()
         };
@@ -171,7 +171,8 @@ fn same_bytes_per_pixel_with_fractional_spp() {
         let mut stage = Stage::even(&subject, &settings, devices);
         let image = stage.frame(3).linear;
         let counts = stage.aov(0);
-        [(image.left, counts.left), (image.right, counts.right)]
+        let ([left, right], [of_left, of_right]) = (image.into_outer(), counts.into_outer());
+        [(left, of_left), (right, of_right)]
     };
     for least in sampled([1.0, 4.0], 2) {
         let [few, many, between] = [(0.0, 1), (1.0, 1), (0.5, 2)].map(|(extra, devices)| frame(least + extra, devices));

@@ -62,7 +62,7 @@ fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> 
     settings.envelope.most.spp = effort.spp.into();
     settings.sampler = sampler;
     let mut stage = Stage::alone(subject, &settings);
-    let images: Vec<_> = (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    let images: Vec<_> = (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| eyes.into_outer()).collect();
     images.iter().for_each(|image| assert_radiance(image, &subject.name));
     images
 }
@@ -116,7 +116,7 @@ fn terminated_rays_are_counted() {
             let mut settings = subject.settings(8, 8);
             settings.envelope.most.spp = spp.into();
             let frame = Stage::alone(&subject, &settings).frame_with_drops(0);
-            let wrong = frame.linear.left.pixels.iter().filter(|pixel| **pixel != [1.0; 3]).count();
+            let wrong = frame.linear.left().pixels.iter().filter(|pixel| **pixel != [1.0; 3]).count();
             let dropped = frame.report.tallies[0].nonfinite;
             println!("{count} layers, {spp} samples: {wrong} of 64 pixels are not right, {dropped} samples counted");
             assert!(wrong as u64 <= dropped, "{count} layers: {wrong} pixels are wrong and {dropped} samples counted");
@@ -139,7 +139,7 @@ fn overflowing_light_is_dropped_and_counted() {
             let mut stage = Stage::alone(&subject, &settings);
             for frame in 0..3 {
                 let frame = stage.frame_with_drops(frame);
-                let dropped = frame.report.tallies.map(|tally| tally.nonfinite);
+                let dropped: Vec<u64> = frame.report.tallies.iter().map(|tally| tally.nonfinite).collect();
                 println!("{name}, {spp} samples, gloss {gloss}: {dropped:?} dropped");
                 eyes(&frame.linear).into_iter().for_each(|eye| assert_radiance(eye, name));
                 assert!(dropped.iter().sum::<u64>() > 0, "{name}, {spp} samples, gloss {gloss}: nothing was counted");

@@ -132,7 +132,7 @@ fn regularization_calms_caustics_and_keeps_light() {
         settings.envelope.most.bounces = 3;
         settings
     };
-    let frame = |subject: &Subject, settings: &RunConfig| Stage::alone(subject, settings).frame(0).linear.left;
+    let frame = |subject: &Subject, settings: &RunConfig| Stage::alone(subject, settings).frame(0).linear.into_left();
     assert!(frame(&matte, &settings(&matte, true)) == frame(&matte, &settings(&matte, false)));
 
     let of = |regularize, count| renders(&caustics, 0.0, &settings(&caustics, regularize), 0..count);

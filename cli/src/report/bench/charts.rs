@@ -7,7 +7,7 @@ use crate::report::intervals::positive_interval;
 use crate::report::plot::{Chart, Dot, Series, line_chart_svg};
 use crate::report::{ReportError, once};
 use diptych::accumulation::Noise;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::quality::{Denoiser, Quality};
 
 /// Errors that [`svg`] can plot. Smaller is better in each.
@@ -23,7 +23,7 @@ pub fn svg(
     title: String,
     rows: &[SettingRow],
     metric: &str,
-    noise: Option<&Stereo<Noise>>,
+    noise: Option<&PerView<Noise>>,
 ) -> Result<String, ReportError> {
     let mut series = fronts(rows, metric);
     for one in &mut series {
@@ -35,7 +35,7 @@ pub fn svg(
         "relmse" => Some(noise.relmse),
         _ => None,
     };
-    if let Some((left, right)) = noise.and_then(|noise| level(&noise.left).zip(level(&noise.right))) {
+    if let Some((left, right)) = noise.and_then(|noise| level(noise.left()).zip(level(noise.right()))) {
         let times_ms = rows.iter().map(|r| r.measured.time_ms);
         let ends = times_ms.fold([f64::INFINITY, 0.0], |[a, b], t| [a.min(t), b.max(t)]);
         let points = ends.map(|t| (t, (left + right) / 2.0)).into();

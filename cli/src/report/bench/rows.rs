@@ -9,7 +9,7 @@ use crate::report::frames::FrameLine;
 use crate::report::intervals::positive_interval;
 use crate::report::median_of;
 use diptych::control::Rung;
-use diptych::exec::{FrameReport, Stereo};
+use diptych::exec::{FrameReport, PerView};
 use diptych::metrics::temporal::Change;
 use diptych::quality::Quality;
 use diptych::scene::rig::Eye;
@@ -35,9 +35,9 @@ impl Timed {
 #[derive(Clone, Debug)]
 pub struct Repeat {
     pub timed: Timed,
-    pub errors: Stereo<SeenErrors>,
+    pub errors: PerView<SeenErrors>,
     /// Change of each eye's image since the previous frame; `None` for the first.
-    pub change: Option<Stereo<Change>>,
+    pub change: Option<PerView<Change>>,
 }
 
 /// Results of a setting.
@@ -52,9 +52,9 @@ pub struct Measured {
     /// Rays per pixel of stages that trace paths: the median over these repeats.
     #[serde(default)]
     pub rays: BTreeMap<String, f64>,
-    pub errors: Stereo<Errors>,
+    pub errors: PerView<Errors>,
     /// Errors of each compared frame. Its flicker is the mean over its changes from the frame before and to the next.
-    pub repeats: Vec<Stereo<Errors>>,
+    pub repeats: Vec<PerView<Errors>>,
     /// Line of each timed frame in `frames.csv`.
     pub frames: Vec<FrameLine>,
 }
@@ -65,7 +65,7 @@ impl Measured {
         let timed: Vec<Timed> = repeats.iter().map(|r| r.timed.clone()).collect();
         let of_eye = |r: &Repeat, eye| (*r.errors.of(eye), r.change.as_ref().map(|change| *change.of(eye)));
         let errors = |eye: Eye| Errors::of(repeats.iter().map(|repeat| of_eye(repeat, eye)));
-        let [left, right] = [errors(Eye::Left), errors(Eye::Right)];
+        let [left, right] = [errors(Eye::LEFT), errors(Eye::RIGHT)];
         let both = left.1.into_iter().zip(right.1);
         let unknown = Self {
             time_ms: 0.0,
@@ -73,8 +73,8 @@ impl Measured {
             time_ms_max: 0.0,
             stage_ms: BTreeMap::new(),
             rays: BTreeMap::new(),
-            errors: Stereo { left: left.0, right: right.0 },
-            repeats: both.map(|(left, right)| Stereo { left, right }).collect(),
+            errors: PerView::both(left.0, right.0),
+            repeats: both.map(|(left, right)| PerView::both(left, right)).collect(),
             frames: Vec::new(),
         };
         unknown.timed(&timed)
@@ -103,7 +103,7 @@ impl Measured {
     /// Returns the mean over both eyes of the error `name`, for each compared frame.
     pub fn errors_of(&self, name: &str) -> Vec<f64> {
         let eye = |errors: &Errors| errors.get(name).unwrap_or(f64::NAN);
-        self.repeats.iter().map(|both| (eye(&both.left) + eye(&both.right)) / 2.0).collect()
+        self.repeats.iter().map(|both| (eye(both.left()) + eye(both.right())) / 2.0).collect()
     }
 
     /// Returns the ends of the 95 % interval of the time.
@@ -113,7 +113,7 @@ impl Measured {
 
     /// Returns the mean over both eyes of the error `name`; infinite if it is undefined in one eye.
     pub fn error(&self, name: &str) -> f64 {
-        let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
+        let [l, r] = [self.errors.left(), self.errors.right()].map(|e| e.get(name).unwrap_or(f64::INFINITY));
         (l + r) / 2.0
     }
 }
@@ -173,8 +173,8 @@ pub(super) mod tests {
         let change = pair().change_at_rest(&pair()).unwrap();
         let repeat = |v: &f64| Repeat {
             timed: timed(&quality, time_ms),
-            errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
-            change: Some(Stereo { left: change, right: change }),
+            errors: PerView::both(flat(*v), flat(2.0 * v)),
+            change: Some(PerView::both(change, change)),
         };
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
         SettingRow::new(quality, Measured::of(&repeats))

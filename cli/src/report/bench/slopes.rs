@@ -9,7 +9,7 @@ use super::rows::{Measured, SettingRow};
 use crate::report::once;
 use crate::report::statistics::{deviation, mean};
 use diptych::accumulation::Noise;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::quality::{Denoiser, Quality};
 use diptych::scene::rig::Eye;
 
@@ -50,7 +50,7 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
 /// and with the most bounces. It subtracts the noise of the reference, which adds to every relMSE. It omits
 /// settings whose error is within that noise, and settings of 1 spp, since their sample goes through the pixel's centre
 /// and estimates a different image.
-pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
+pub fn slopes(rows: &[SettingRow], noise: Option<&PerView<Noise>>) -> Vec<Slope> {
     let rows: Vec<&SettingRow> = rows
         .iter()
         .filter(|r| {
@@ -66,7 +66,7 @@ pub fn slopes(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Vec<Slope> 
         let of_eye = |measured: &Measured, eye| -> Vec<f64> {
             measured.repeats.iter().filter_map(|both| both.of(eye).get("relmse")).collect()
         };
-        [(Eye::Left, "left"), (Eye::Right, "right")].map(|(eye, of)| {
+        [(Eye::LEFT, "left"), (Eye::RIGHT, "right")].map(|(eye, of)| {
             let settings = own().map(|r| (r.quality.spp.least, of_eye(&r.measured, eye))).collect();
             slope(*name, of, settings, noise.map_or(0.0, |noise| noise.of(eye).relmse))
         })
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn slopes_exclude_reference_noise_and_one_sample() {
         // The relMSE of an image of uniform value v against a black one is 100 v².
-        let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
+        let noise = PerView::both(Noise { rmse: 0.01, relmse: 0.01 }, Noise { rmse: 0.02, relmse: 0.04 });
         let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
         // At 4096 spp the error is below the noise of the reference. At 1 spp it belongs to another estimator.
         let spps = [1u32, 2, 8, 64, 4096];

@@ -7,7 +7,7 @@ use crate::report::frames::FrameLine;
 use crate::report::intervals::positive_interval;
 use crate::report::{Table, cell};
 use diptych::accumulation::Noise;
-use diptych::exec::Stereo;
+use diptych::exec::PerView;
 use diptych::quality::{Denoiser, FrameQuality, Quality};
 use diptych::scene::rig::Eye;
 
@@ -38,7 +38,7 @@ pub type Shared = Vec<(&'static str, String)>;
 
 /// Returns the rows as CSV, with a line per setting and eye. Cells of undefined values are empty.
 pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
-    let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
+    let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left().names());
     let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
     columns.extend(COLUMNS);
     columns.extend(["time_ms", "time_ms_min", "time_ms_max", "on_front", "eye"]);
@@ -47,7 +47,7 @@ pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
     let mut lines = Vec::new();
     for SettingRow { quality, measured, on_front, undecided } in rows {
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
-        for (eye, errors) in [(Eye::Left, &errors.left), (Eye::Right, &errors.right)] {
+        for (eye, errors) in [(Eye::LEFT, errors.left()), (Eye::RIGHT, errors.right())] {
             let each = measured.repeats.iter().filter_map(|both| both.of(eye).get(ERROR));
             let ends = |interval: Option<[f64; 2]>| interval.map_or([None; 2], |ends| ends.map(Some));
             let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
@@ -95,18 +95,20 @@ pub(super) fn cells_of(quality: &Quality) -> [String; 6] {
 
 /// Returns a table with a line per setting and eye. The last column marks settings on the front, those that may belong
 /// there, and errors that are within the `noise` of the reference.
-pub fn table(rows: &[SettingRow], noise: Option<&Stereo<Noise>>) -> Table {
+pub fn table(rows: &[SettingRow], noise: Option<&PerView<Noise>>) -> Table {
     let metrics: Vec<&str> =
-        SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
+        SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left().0.contains_key(*m))).collect();
     let mut headers = COLUMNS.to_vec();
     headers.extend(["ms", "95 %", "eye"]);
     headers.extend(&metrics);
     headers.push("note");
     let mut lines = Vec::new();
     for SettingRow { quality, measured, on_front, undecided } in rows {
-        let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
-        let Stereo { left, right } = &measured.errors;
-        for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
+        let of = |n: fn(&PerView<Noise>) -> f64| noise.map_or(0.0, n);
+        let [left, right] = measured.errors.outer();
+        for (eye, errors, noise) in
+            [("left", left, of(|n| n.left().relmse)), ("right", right, of(|n| n.right().relmse))]
+        {
             let mut line = cells_of(quality).to_vec();
             let within = measured.time_interval().map_or("-".to_owned(), |[low, high]| format!("{low:.1}..{high:.1}"));
             line.extend([format!("{:.1}", measured.time_ms), within, eye.to_owned()]);
@@ -155,7 +157,7 @@ mod tests {
     #[test]
     fn errors_within_the_noise_are_marked() {
         let floor = Noise { rmse: 100.0, relmse: 10.0 };
-        let noise = Stereo { left: floor, right: floor };
+        let noise = PerView::both(floor, floor);
         let text = table(&[row("none", 4, 12.5, &[0.5])], Some(&noise)).text();
         let noted: Vec<bool> = text.lines().skip(2).map(|l| l.contains("noise")).collect();
         assert_eq!(noted, [true, false], "{text}");

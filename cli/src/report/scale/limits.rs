@@ -28,7 +28,7 @@ impl Causes {
         let is_stage = |kind| matches!(kind, TimedTask::Gpu(_));
         let mut stages: BTreeMap<_, (f64, f64)> = BTreeMap::new();
         for task in frames.iter().flat_map(|frame| &frame.tasks).filter(|task| is_stage(task.kind)) {
-            let (rows, ms) = stages.entry((task.stage.to_string(), task.view as usize)).or_default();
+            let (rows, ms) = stages.entry((task.stage.to_string(), task.view.index())).or_default();
             *rows += f64::from(task.rows.end - task.rows.start);
             *ms += task.end_ms - task.begin_ms;
         }

@@ -57,8 +57,8 @@ impl Bmfr {
     pub const NOISY: Self = Self { noise: 0.01 };
 }
 
-/// Returns `pass` with the bindings to blend the current light with the previous frame's `kept` image. The right eye
-/// falls back to the left eye's `kept` image.
+/// Returns `pass` with the bindings to blend the current light with the previous frame's `kept` image. Other views
+/// fall back to their source's `kept` image.
 fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, least_fraction: f32) -> Pass {
     let last = |resource: Resource| Use::read(resource).before(spec.history_halo());
     let (source, target) = light.advance_to(Image::from(kept));
@@ -68,12 +68,12 @@ fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, l
         Use::read(source).named("source"),
         last(GUIDE),
         last(kept).named("last_accumulated"),
-        last(GUIDE).of(Eye::MAIN),
-        last(kept).of(Eye::MAIN).named("left_accumulated"),
+        last(GUIDE).of(pass.view.source()),
+        last(kept).of(pass.view.source()).named("left_accumulated"),
         Use::write(target).named("accumulated"),
         Use::read(PREVIOUS),
         Use::add(TALLY),
-        gradient::read_change(spec),
+        gradient::read_change(spec, pass.view),
     ];
     pass.uses(uses).with([BlendArguments { least_fraction }])
 }

@@ -89,7 +89,7 @@ impl Denoise for Svgf {
         0.96
     }
 
-    /// Returns the passes that blend this frame's light with its history. The right eye falls back to the left eye's
+    /// Returns the passes that blend this frame's light with its history. Other views fall back to their source's
     /// history.
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let last = |resource| Use::read(resource).before(spec.history_halo());
@@ -102,14 +102,14 @@ impl Denoise for Svgf {
                 last(GUIDE),
                 last(MOMENTS),
                 last(HISTORY),
-                last(GUIDE).of(Eye::MAIN),
-                last(MOMENTS).of(Eye::MAIN),
-                last(HISTORY).of(Eye::MAIN),
+                last(GUIDE).of(view.source()),
+                last(MOMENTS).of(view.source()),
+                last(HISTORY).of(view.source()),
                 Use::write(accumulated).named("accumulated"),
                 Use::write(MOMENTS),
                 Use::read(PREVIOUS),
                 Use::add(TALLY),
-                gradient::read_change(spec),
+                gradient::read_change(spec, view),
             ]);
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }

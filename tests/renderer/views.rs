@@ -1,0 +1,141 @@
+//! Other numbers of views than two.
+
+use crate::common::{Frame, Stage, Subject, with};
+use crate::same_bytes::{Rows, even, every, hold, run};
+use diptych::RunConfig;
+use diptych::image::{Extent, RgbImage};
+use diptych::metrics::compare;
+use diptych::passes::Aov;
+use diptych::quality::SettingError;
+use diptych::scene::rig::Eye;
+use glam::DVec3;
+
+const SIZE: Extent = Extent::new(64, 36);
+
+fn subject(views: usize) -> Subject {
+    let mut subject = Subject::load("builtin:cornell");
+    (subject.rig.views, subject.rig.baseline_m) = (views, 0.02);
+    subject
+}
+
+fn settings(subject: &Subject, reproject: bool) -> RunConfig {
+    with(subject.accumulated(SIZE.width, SIZE.height), |config| {
+        config.buffers.views = subject.rig.views;
+        config.buffers.reproject = reproject;
+    })
+}
+
+/// Renders some frames and returns the last one.
+fn last_frame(subject: &Subject, settings: &RunConfig) -> Frame {
+    let mut stage = Stage::alone(subject, settings);
+    (0..4).map(|index| stage.frame(index)).last().unwrap()
+}
+
+#[test]
+fn devices_give_the_bytes_of_one_for_four_views() {
+    let subject = subject(4);
+    let turns = Rows::Turns(&["1,2,3", "5,1,1", "denoise=1,1,4"]);
+    hold("four views", &subject, &settings(&subject, true), &every(1.0 / 72.0, 4), &[even(2), even(3), run(3, turns)]);
+}
+
+/// The view in the middle is where a single camera is, and other views do not change it.
+#[test]
+fn middle_view_is_that_of_a_single_camera() {
+    let [five, single] = [5, 1].map(|views| {
+        let subject = subject(views);
+        last_frame(&subject, &settings(&subject, true)).linear
+    });
+    let middle = Eye::of_rig(5).nth(2).unwrap();
+    assert!(middle.is_main() && five.of(middle) == single.left());
+    let others: Vec<&RgbImage> = five.with_eyes().filter(|(eye, _)| *eye != middle).map(|(_, image)| image).collect();
+    assert!(others.iter().all(|image| *image != single.left()));
+    assert!(others.windows(2).all(|pair| pair[0] != pair[1]));
+}
+
+/// Further sources change the views that are nearer to them than to the middle, and no others.
+#[test]
+fn views_depend_on_their_source_only() {
+    let subject = subject(7);
+    let [one, three] = [1, 3].map(|sources| {
+        last_frame(&subject, &with(settings(&subject, true), |config| config.buffers.sources = sources)).linear
+    });
+    let same: Vec<bool> = one.iter().zip(three.iter()).map(|(one, three)| one == three).collect();
+    // The sources are views 1, 3 and 5.
+    assert_eq!(same, [false, false, false, true, true, false, false]);
+}
+
+/// Each reprojected view is as near to its own reference as a traced view is, within 5 %.
+#[test]
+fn reprojected_views_are_as_good_as_traced_ones() {
+    let subject = subject(4);
+    let of = |change: &dyn Fn(&mut RunConfig)| {
+        let mut settings = settings(&subject, true);
+        change(&mut settings);
+        last_frame(&subject, &settings).linear
+    };
+    let reprojected = of(&|_| ());
+    let traced = of(&|config| config.buffers.reproject = false);
+    let reference = of(&|config| {
+        config.buffers.reproject = false;
+        config.envelope.most.filter = None;
+        config.envelope.most.spp = 256.into();
+    });
+    for (eye, right) in reference.with_eyes() {
+        let [by_source, own] = [&reprojected, &traced].map(|images| compare(right, images.of(eye)).unwrap());
+        println!("{eye}: FLIP {:.4} reprojected, {:.4} traced", by_source.flip, own.flip);
+        assert!(by_source.flip <= 1.05 * own.flip + 1e-3, "{eye}: {by_source}\n{own}");
+        assert!(
+            (by_source.mean_ratio.unwrap() / own.mean_ratio.unwrap() - 1.0).abs() < 0.01,
+            "{eye}: {by_source}\n{own}"
+        );
+    }
+}
+
+/// Shaders and host agree on off-axis views: the first surface of each pixel is on the host's ray through it.
+#[test]
+fn off_axis_pixels_show_what_is_on_their_rays() {
+    let mut subject = subject(3);
+    subject.rig.convergence_m = Some(0.7);
+    let mut settings = with(subject.settings(SIZE.width, SIZE.height), |config| config.buffers.views = 3);
+    settings.buffers.aovs = vec![Aov::Position];
+    let mut stage = Stage::alone(&subject, &settings);
+    stage.frame(0);
+    let positions = stage.aov(0);
+    for eye in subject.rig.eyes() {
+        let view = subject.rig.view(0.0, eye);
+        assert_eq!(view.shift_x == 0.0, eye.is_main());
+        let planes = positions.of(eye);
+        let mut seen = 0;
+        for i in 0..SIZE.area() {
+            let point = DVec3::from([0, 1, 2].map(|c| f64::from(planes[c][i])));
+            if point == DVec3::ZERO {
+                continue;
+            }
+            let [x, y] = [i as u32 % SIZE.width, i as u32 / SIZE.width].map(|side| f64::from(side) + 0.5);
+            let off = (point - view.origin.as_dvec3()).normalize().distance(view.ray_direction(x, y, SIZE));
+            assert!(off < 1e-4, "{eye}, pixel {x}, {y}: {off}");
+            seen += 1;
+        }
+        assert!(seen > SIZE.area() / 2, "{seen}");
+    }
+}
+
+#[test]
+fn more_views_refuse_what_only_eyes_have() {
+    let subject = subject(3);
+    let mut settings = settings(&subject, true);
+    assert_eq!(settings.check(), Ok(()));
+    settings.envelope.most.fovea = Some([0.1, 0.2]);
+    assert!(matches!(settings.check(), Err(SettingError::NeedsTwoViews { .. })));
+    settings.envelope.most.fovea = None;
+    settings.buffers.sources = 2;
+    assert_eq!(settings.check(), Err(SettingError::EvenSources(2)));
+    settings.buffers.sources = 5;
+    assert!(settings.check().is_err());
+    settings.buffers.sources = 3;
+    assert_eq!(settings.check(), Ok(()));
+    for views in [0, Eye::MOST_VIEWS + 1] {
+        settings.buffers.views = views;
+        assert!(settings.check().is_err(), "{views}");
+    }
+}
