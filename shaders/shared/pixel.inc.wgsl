@@ -155,6 +155,11 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
                 add_sample(&spread, two_luminances(light, specular), two_luminances(reflects, first.albedo - first.matte));
             }
         }
+        // Without this, drivers keep a loop around the only sample.
+        if !JITTER {
+            i += 1u;
+            break;
+        }
     }
     // Count samples as dropped that never began because the driver ended the loop.
     tally = add_tally(tally, 0u, end - i);

@@ -75,9 +75,10 @@ impl Format {
 
 /// Length of the header of a [`Format::List`], in 4-byte words.
 pub const LIST_HEADER: u32 = 4;
-/// Number of a list's pixels for each workgroup of its dispatch. With more than 65,535 workgroups, which is 2.1 million
-/// pixels, invocations take several pixels each.
+/// Number of a list's pixels for each workgroup of its dispatch.
 pub const LIST_GROUP: u32 = 32;
+/// Maximum number of workgroups of a dispatch along an axis.
+const MOST_GROUPS: u64 = 65535;
 
 /// Number of instances of a resource, or of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -182,6 +183,12 @@ impl Resource {
     /// Returns the columns and rows for a frame of this extent.
     pub fn extent(&self, frame: Extent) -> Extent {
         self.grid.extent(frame)
+    }
+
+    /// Returns the number of dispatches that a list of all texels of a frame of this extent needs.
+    pub fn list_parts(&self, frame: Extent) -> u32 {
+        let texels = self.extent(frame).area() as u64;
+        texels.div_ceil(MOST_GROUPS * u64::from(LIST_GROUP)) as u32
     }
 
     /// Returns the size of one row in bytes.

@@ -24,8 +24,9 @@ arguments! {
         /// The samples of a launch: the first, and the one after the last.
         pub first_sample: u32,
         pub end_sample: u32,
-        /// 1 to trace only the pixels that an earlier pass listed.
-        pub listed_only: u32,
+        /// 0 to trace all pixels; n to trace the nth part of those that an earlier pass listed. A part is as large as a
+        /// dispatch may be.
+        pub list_part: u32,
     }
 }
 
@@ -33,10 +34,11 @@ arguments! {
 const KERNEL: Kernel = Kernel::tracing_rays("path_trace").with(constants![RECORD_SEGMENT, RECORD_WORDS]);
 
 fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, is_listed: bool) -> Pass {
-    let (radiance, dispatch, third) = match is_listed {
-        true => (Use::update(RADIANCE), Dispatch::List(HOLES), 1),
-        false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0),
+    let (radiance, dispatch, parts) = match is_listed {
+        true => (Use::update(RADIANCE), Dispatch::List(HOLES), 1..=HOLES.list_parts(spec.extent)),
+        false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0..=0),
     };
+    let launch = |third| Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false };
     let [hit, albedo] = [HIT, ALBEDO].map(Use::update);
     // Unfiltered specular light is added to the light that the G-buffer found.
     let emission = Use::add(EMISSION);
@@ -44,7 +46,7 @@ fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, is_lis
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
         .uses(radiance_cache::uses(spec, view))
         .dispatch(dispatch)
-        .launches(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])
+        .launches(parts.map(launch).collect())
         .taking::<PathArguments>()
         .counted_by(Work::Rays)
 }
