@@ -6,11 +6,13 @@ use super::late_latching::Late;
 use super::output::Output;
 use super::watch::Watch;
 use crate::accel::Moved;
+use crate::frame::RunConfig;
+use crate::frame::search_range::history_rows;
 use crate::layout;
 use crate::quality::Quality;
 use crate::schedule::RelativeCost;
 use crate::stages::Place;
-use crate::tables::SceneUpdate;
+use crate::tables::{SceneTables, SceneUpdate};
 
 /// Inputs of a frame. They are kept so that it can be rendered again after a device failure.
 #[derive(Clone)]
@@ -45,5 +47,23 @@ impl Inputs {
         let layout::Frame { camera, sampling, .. } = self.constants;
         let views = if self.views.is_empty() { 2 } else { self.views.len() as u64 };
         views * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.samples.most())
+    }
+
+    /// Returns the number of pixels of each view's traced image.
+    pub(super) fn pixels(&self, config: &RunConfig) -> Vec<u64> {
+        let of_view = |view: &layout::View| config.pixels(view);
+        match self.views.is_empty() {
+            true => self.constants.camera.views.iter().map(of_view).collect(),
+            false => self.views.iter().map(|[now, _]| of_view(now)).collect(),
+        }
+    }
+
+    /// Returns the search range of the frame's temporal reprojection, in rows above and below. Returns `None` if the
+    /// frame uses no history.
+    pub(super) fn history_rows(&self, config: &RunConfig, tables: &SceneTables) -> Option<u32> {
+        let Self { constants, previous, moved, .. } = self;
+        let polar = config.envelope.most.polar;
+        let rows = || history_rows(polar, &constants.camera, &previous.views, tables, moved);
+        config.keeps_history().then(rows).flatten()
     }
 }

@@ -18,7 +18,6 @@ use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, costs};
 use crate::device::{DeviceInfo, Traversal};
 use crate::frame::RunConfig;
 use crate::frame::constants::constants;
-use crate::frame::search_range::history_rows;
 use crate::graph::{Assignment, FrameGraph, Resource};
 use crate::image::Extent;
 use crate::layout;
@@ -347,7 +346,7 @@ impl Renderer {
         let is_left = |before: &Assignment| left.iter().any(|&device| before.works()[device]);
         let history = before.filter(is_left).and_then(|before| {
             let lost = (0..before.devices()).filter(|device| !left.contains(device)).collect();
-            Some(History { before, rows: self.history_rows(&inputs)?, lost })
+            Some(History { before, rows: inputs.history_rows(&self.config, &self.tables)?, lost })
         });
         let (plan, graph) = self.planner.plan(&mut self.costs, &inputs, &left, history);
         let lost = plan.history.as_ref().map_or(0..0, |history| history.lost_rows(&graph.program));
@@ -364,7 +363,7 @@ impl Renderer {
             tasks: Vec::new(),
             clock_residuals_us: Vec::new(),
             tallies: Default::default(),
-            pixels: self.pixels(&inputs),
+            pixels: inputs.pixels(&self.config),
             row_tallies: Default::default(),
             bodies_left_out: inputs.update.left_out,
             devices: left,
@@ -393,23 +392,5 @@ impl Renderer {
         let tasks_ms = if known { (0..graph.devices()).map(tasks_ms).collect() } else { Vec::new() };
         self.frames.predict_last(predicted.map(|p| p.makespan_ms), tasks_ms);
         self.planned = Some((plan, graph));
-    }
-
-    /// Returns the number of pixels of each view's traced image.
-    fn pixels(&self, inputs: &Inputs) -> Vec<u64> {
-        let of_view = |view: &layout::View| self.config.pixels(view);
-        match inputs.views.is_empty() {
-            true => inputs.constants.camera.views.iter().map(of_view).collect(),
-            false => inputs.views.iter().map(|[now, _]| of_view(now)).collect(),
-        }
-    }
-
-    /// Returns the search range of the frame's temporal reprojection, in rows above and below. Returns `None` if the
-    /// frame uses no history.
-    fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
-        let keeps = self.config.keeps_history();
-        let Inputs { constants, previous, moved, .. } = inputs;
-        let polar = self.config.envelope.most.polar;
-        keeps.then(|| history_rows(polar, &constants.camera, &previous.views, &self.tables, moved)).flatten()
     }
 }

@@ -49,8 +49,10 @@ pub fn differences(reference: &Tags, image: &Tags) -> Vec<String> {
     let mut found = Vec::new();
     let eyes = reference.eye.as_ref().zip(image.eye.as_ref()).filter(|(a, b)| a != b);
     if let Some((a, b)) = eyes {
-        let named = |view: &str| if view.contains(" of ") { view.to_owned() } else { format!("the {view} eye") };
-        found.push(format!("the reference is of {}, the image of {}", named(a), named(b)));
+        found.push(match a.contains(" of ") || b.contains(" of ") {
+            true => format!("the reference is of {a}, the image of {b}"),
+            false => format!("the reference is of the {a} eye, the image of the {b} one"),
+        });
     }
     let is_of_another_time = match (reference.time_s.zip(image.time_s), reference.frame.zip(image.frame)) {
         (Some((a, b)), _) => (a - b).abs() > 1e-6,

@@ -155,9 +155,10 @@ mod tests {
         assert!(!files.is_empty(), "{}", folder.display());
         for path in files {
             let peers = Peers::read(&path).unwrap().peer;
-            // The settings are no denoiser and two denoisers, each at 1, 4 and 16 samples per pixel.
+            // The settings are no denoiser and two denoisers, each at 1, 4 and 16 samples per pixel, and both denoisers
+            // with a history at 1 and 4.
             let lines = series(&peers);
-            assert_eq!((peers.len(), lines.len(), lines[1].points.len()), (9, 3, 3), "{}", path.display());
+            assert_eq!((peers.len(), lines.len(), lines[1].points.len()), (13, 5, 3), "{}", path.display());
         }
     }
 

@@ -19,8 +19,7 @@ fn run_removes_stale_pictures_of_earlier_runs() {
     render(&folder, "--frames 3 --aov holes,depth --also anaglyph");
     let long = names(&folder);
     assert!(long.contains("left.holes.0002.exr") && long.contains("holes.0002.png"), "{long:?}");
-    let kept =
-        ["notes.txt", "left.png", "left.7.exr", "left.mine.0001.exr", "stereo.0001.png.bak", "my.left().0001.exr"];
+    let kept = ["notes.txt", "left.png", "left.7.exr", "left.mine.0001.exr", "stereo.0001.png.bak", "my.left.0001.exr"];
     for name in kept {
         folder.write(name, name);
     }

@@ -54,7 +54,7 @@ fn row(index: u32) -> FrameRow {
         bodies_left_out: 0,
         spp_done: None,
         stripes: vec![180, 180],
-        stage_stripes: BTreeMap::from([("path_trace.left()".to_owned(), vec![180, 180])]),
+        stage_stripes: BTreeMap::from([("path_trace.left".to_owned(), vec![180, 180])]),
         transferred_bytes: 4096,
         bytes_between_ranks: None,
         history_rows: Some(3),

@@ -52,11 +52,15 @@ table::settings! {
         ///
         /// Images of other than two views are called view00, view01 and so on, from left to right.
         views: Option<u32> = None, of &["render"];
-        /// Views that are path traced, an odd number; others are reprojected from the nearest of them
+        /// Views to path trace, an odd number
+        ///
+        /// Other views are reprojected from the nearest of them.
         sources: u32 = 1, of &["render"];
         /// Distance of neighbouring views, metres [default: the shot's, else 0.064]
         baseline: Option<f64> = None;
-        /// Distance where all views show the same, metres [default: the shot's, else infinite]
+        /// Distance of zero parallax, metres [default: the shot's, else infinite]
+        ///
+        /// At this distance, all views show the same points at the same place.
         convergence: Option<f64> = None;
         /// Length of a scene unit, metres [default: the shot's, else 1]
         ///

@@ -1,4 +1,4 @@
-//! What settings replace of a shot.
+//! Settings that replace those of a shot.
 
 use super::Settings;
 use crate::scene::complete::{Look, Overrides};
