@@ -44,7 +44,7 @@ fn options() -> Options {
 fn costs(spec: &FrameSpec, graph: &FrameGraph, frame: usize) -> FrameCosts {
     let Extent { width, height } = spec.extent;
     let rays = |per_pixel: u32| (0..height).map(|y| width * (1 + per_pixel * (y / (height / 2).max(1)))).collect();
-    let mut costs = FrameCosts { rays: [rays(8), rays(1)], tail_ms: 0.1, ..Default::default() };
+    let mut costs = FrameCosts { rays: vec![rays(8), rays(1)], tail_ms: 0.1, ..Default::default() };
     for device in 0..spec.devices {
         costs.lead_ms.push((device, 0.3));
         // Each device in turn is slower.

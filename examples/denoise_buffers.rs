@@ -11,7 +11,8 @@ use wgpu::BufferUsages as Usages;
 
 const EXTENT: Extent = Extent::new(256, 144);
 const FRAMES: u32 = 16;
-const CAMERA: View = View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::NEG_Z, tan_half_yfov: 0.5 };
+const CAMERA: View =
+    View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: Vec3::NEG_Z, tan_half_yfov: 0.5, shift_x: 0.0 };
 
 /// Renders a wall 2 in front of the camera, which reflects 80 % of noisy light with a mean of 0.5.
 const RENDERER: &str = "

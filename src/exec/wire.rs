@@ -35,7 +35,7 @@ pub mod pods {
 
     pub fn deserialize<'de, T: Pod, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<T>, D::Error> {
         let bytes = Vec::deserialize(deserializer)?;
-        if bytes.len() % size_of::<T>() != 0 {
+        if !bytes.len().is_multiple_of(size_of::<T>()) {
             return Err(serde::de::Error::custom("a part of a value"));
         }
         Ok(bytemuck::pod_collect_to_vec::<u8, T>(&bytes))

@@ -160,7 +160,7 @@ impl RunConfig {
         within("height", height, Extent::SIDES)?;
         within("views", self.buffers.views, 1..=Eye::MOST_VIEWS)?;
         within("sources", self.buffers.sources, 1..=self.buffers.views)?;
-        if self.buffers.sources % 2 == 0 {
+        if self.buffers.sources.is_multiple_of(2) {
             return Err(SettingError::EvenSources(self.buffers.sources));
         }
         if self.buffers.views != 2 {

@@ -79,7 +79,7 @@ fn check(
             bench.renderer().render(&params).unwrap();
             let found = bench.renderer().read_output(OUT).unwrap();
             for (eye, bytes) in [(0, found.left()), (1, found.right())] {
-                let found: &[u32] = bytemuck::cast_slice(&bytes);
+                let found: &[u32] = bytemuck::cast_slice(bytes);
                 for (i, value) in (0..).zip(found) {
                     let (x, y) = (i % WIDTH, i / WIDTH);
                     let wanted = expected(eye, x, y, frame);

@@ -107,8 +107,9 @@ fn off_axis_pixels_show_what_is_on_their_rays() {
         assert_eq!(view.shift_x == 0.0, eye.is_main());
         let planes = positions.of(eye);
         let mut seen = 0;
-        for i in 0..SIZE.area() {
-            let point = DVec3::from([0, 1, 2].map(|c| f64::from(planes[c][i])));
+        let points = planes[0].iter().zip(&planes[1]).zip(&planes[2]);
+        for (i, ((x, y), z)) in points.enumerate() {
+            let point = DVec3::from([*x, *y, *z].map(f64::from));
             if point == DVec3::ZERO {
                 continue;
             }

@@ -20,7 +20,7 @@ fn psnr(stage: &mut Stage, subject: &Subject, time_s: f64, spp: u32) -> f64 {
     settings.envelope.most.spp = spp.into();
     let expected = Stage::alone(&twin, &settings).frame(5).linear;
     let eyes = [(expected.left(), found.left()), (expected.right(), found.right())];
-    eyes.map(|(a, b)| metrics::compare(&a, &b).unwrap().psnr).into_iter().fold(f64::INFINITY, f64::min)
+    eyes.map(|(a, b)| metrics::compare(a, b).unwrap().psnr).into_iter().fold(f64::INFINITY, f64::min)
 }
 
 #[track_caller]
