@@ -91,7 +91,7 @@ impl Drawing {
     ) -> Result<(), HeadsetError> {
         let Self { chain, painter, extent } = self;
         chain.fill(gpu, |texture, encoder| {
-            let eyes = [(&pixels.left, &eyes.left), (&pixels.right, &eyes.right)];
+            let eyes = [(pixels.left(), &eyes.left), (pixels.right(), &eyes.right)];
             for (layer, (pixels, eye)) in (0..).zip(eyes) {
                 let constants = Constants::new(*extent, &eye.fov, metres_per_unit);
                 painter.paint(gpu, encoder, &constants, pixels, &painter.view(texture, layer));

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use diptych::device::ScreenDevice;
-use diptych::exec::PerView;
 use diptych::image::display::DisplayImage;
 use diptych::image::{Extent, Image};
 use egui::TexturesDelta;
