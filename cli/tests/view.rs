@@ -283,7 +283,7 @@ fn free_camera_finds_the_history_of_one_on_a_path() {
         let report = stage.renderer().render(&params).unwrap();
         assert_eq!(report.spec.history_rows.is_some(), i > 0, "frame {i}");
         let free = stage.renderer().read_linear().unwrap();
-        let pairs = free.left.pixels.as_flattened().iter().zip(path_frame.left.pixels.as_flattened());
+        let pairs = free.left().pixels.as_flattened().iter().zip(path_frame.left().pixels.as_flattened());
         let (error, sum) = pairs.fold((0.0, 0.0), |(e, s), (a, b)| (e + f64::from((a - b).abs()), s + f64::from(*b)));
         // Poses are rounded to single precision.
         assert!(error < 1e-2 * sum, "frame {i}: {error} of {sum}");
