@@ -6,7 +6,7 @@
 //!include frame grid projection pixel bindings
 
 // `holes` holds the number of listed pixels, then the three workgroup counts of the indirect dispatch, then the indices
-// of the pixels. No loop surrounds the paths: inside one, Mesa 22 takes up to nine times as long.
+// of the pixels. No loop surrounds the paths: inside one, Mesa 22 took five to eight times as long.
 
 @compute @workgroup_size(8, 4)
 fn main(

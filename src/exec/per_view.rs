@@ -11,11 +11,6 @@ use crate::scene::rig::Eye;
 pub struct PerView<T>(Vec<T>);
 
 impl<T> PerView<T> {
-    /// Returns what `of` returns for each of this many views.
-    pub fn of_rig(views: usize, of: impl FnMut(Eye) -> T) -> Self {
-        Self(Eye::of_rig(views).map(of).collect())
-    }
-
     /// Returns the values of the two eyes.
     pub fn both(left: T, right: T) -> Self {
         Self(vec![left, right])
@@ -72,11 +67,6 @@ impl<T> PerView<T> {
     /// Returns the values, from left to right.
     pub fn values(&self) -> &[T] {
         &self.0
-    }
-
-    /// Returns the values without their views.
-    pub fn into_vec(self) -> Vec<T> {
-        self.0
     }
 
     /// Returns the value of the leftmost view.
@@ -143,7 +133,7 @@ mod tests {
             assert_eq!(serde_json::from_str::<PerView<u8>>(text).unwrap(), *values);
         };
         round_trip(&PerView::both(3, 4), r#"{"left":3,"right":4}"#);
-        let row = PerView::of_rig(3, |eye| eye.index() as u8);
+        let row: PerView<u8> = (0..3).collect();
         round_trip(&row, r#"{"view00 of 3":0,"view01 of 3":1,"view02 of 3":2}"#);
         assert_eq!((row.outer(), *row.of(Eye::of_rig(3).nth(1).unwrap())), ([&0, &2], 1));
         for text in ["{}", r#"{"left":3}"#, r#"{"left":3,"view01 of 3":1}"#, r#"{"view00 of 3":0}"#] {

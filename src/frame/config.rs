@@ -30,7 +30,7 @@ pub struct Buffers {
     pub views: usize,
     /// Number of views that are path traced if the others are reprojected, an odd one.
     pub sources: usize,
-    /// Whether views that are no sources are reprojected from the nearest one.
+    /// True if views that are no sources are reprojected from the nearest one.
     pub reproject: bool,
     /// Auxiliary images.
     pub aovs: Vec<Aov>,

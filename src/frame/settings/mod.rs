@@ -60,7 +60,7 @@ table::settings! {
         baseline: Option<f64> = None;
         /// Distance of zero parallax, metres [default: the shot's, else infinite]
         ///
-        /// At this distance, all views show the same points at the same place.
+        /// All views show the points at this distance at the same place.
         convergence: Option<f64> = None;
         /// Length of a scene unit, metres [default: the shot's, else 1]
         ///
