@@ -38,6 +38,10 @@ fn check(root: &Value, schema: &Value, value: &Value, place: &str) -> Vec<String
             "enum" => refuse(schemas().any(|allowed| allowed == value)),
             "minimum" => refuse(value.as_f64().is_none_or(|v| v >= rule.as_f64().unwrap())),
             "maximum" => refuse(value.as_f64().is_none_or(|v| v <= rule.as_f64().unwrap())),
+            "pattern" => {
+                let pattern = regex_lite::Regex::new(rule.as_str().expect("a pattern")).expect("a regular expression");
+                refuse(value.as_str().is_none_or(|text| pattern.is_match(text)))
+            }
             "minItems" => refuse(value.as_array().is_none_or(|v| v.len() as u64 >= rule.as_u64().unwrap())),
             "maxItems" => refuse(value.as_array().is_none_or(|v| v.len() as u64 <= rule.as_u64().unwrap())),
             "anyOf" => refuse(fitting() > 0),
