@@ -29,6 +29,9 @@ struct Wanted {
 // Relative difference, and difference over `reach`, of two distances that count as equal.
 const SAME_RATIO: f32 = 0.05;
 const SAME_DISTANCE: f32 = 0.0005;
+// Cosine of the angle between two normals of one surface. Pixels of thin and curved parts differ by up to 26 degrees
+// from their neighbours, and light of such neighbours has no more error than a path of their own.
+const LEAST_COSINE: f32 = 0.9;
 
 // Whether a mirrored surface of the left eye is as far from the wanted one as their images are from one another. This
 // holds for plane mirrors, which keep distances. Curved mirrors scale them, and show the surface elsewhere.
@@ -68,7 +71,7 @@ fn surface_differs(tap: Tap, wanted: Wanted) -> u32 {
     if abs(dot(wanted.normal, position - wanted.position)) >= 0.005 * wanted.slack * wanted.reach {
         return DISTANCE;
     }
-    if dot(wanted.normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * wanted.slack {
+    if dot(wanted.normal, unpack_normal(guide.w)) <= LEAST_COSINE {
         return NORMAL;
     }
     if is_mirrored(hit) && !keeps_distance(at, hit, position, wanted) {
