@@ -11,36 +11,39 @@ mod rows;
 mod sequence;
 mod text;
 mod viewing;
+mod views;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
-use diptych::exec::PerView;
 use diptych::image::display::DisplayImage;
 use diptych::image::exr::read_colour;
-use diptych::image::{Extent, stereo};
+use diptych::image::{Extent, sheet};
 use diptych::metrics::disparity::{FEATURE_MEASURES, FeatureDisparity};
 use diptych::metrics::heatmap::{flip_heatmap, heatmap};
 use diptych::metrics::rings::Viewing;
-use diptych::metrics::rivalry::{Differences, RIVALRY_MEASURES};
+use diptych::metrics::rivalry::{Differences, RIVALRY_MEASURES, Rivalry};
 use diptych::metrics::{MEASURES, Pair};
+use diptych::scene::rig::Eye;
 use serde::Serialize;
 
 use super::failure::Failure;
 use by::By;
 use by_kind::{ByKind, Missing};
-use findings::{BothFindings, Findings, Rings, mean};
+use findings::{AllFindings, Findings, Rings, mean};
 use maps::Map;
-use rivalry::{NEEDS, Seen};
+use rivalry::{NEEDS, Seen, neighbours};
 use rows::{Row, Values};
 use viewing::differences;
+use views::FolderViews;
 
 #[derive(clap::Args)]
 #[command(after_long_help = text::help())]
 pub struct Args {
-    /// Reference: an image, or a folder with left.exr and right.exr or a sequence
+    /// Reference: an image, or a folder with all views or a sequence
     ///
-    /// Images are OpenEXR files, or two pictures (PNG or JPEG), whose levels are compared as they are.
+    /// Images are OpenEXR files, or two pictures (PNG or JPEG), whose levels are compared as they are. Views have the names
+    /// of `render`: left.exr and right.exr, or view00.exr, view01.exr, …
     reference: PathBuf,
     /// Images or folders to compare; render sequences with --aov motion,position,normal
     #[arg(required = true, value_name = "IMAGE")]
@@ -69,14 +72,14 @@ pub struct Args {
     /// Write error.png, flip.png, kind.png and rivalry.png into a folder
     ///
     /// error.png is the error of displayed values and flip.png FLIP, as heatmaps. kind.png has the kind of each pixel;
-    /// it needs the auxiliary images of --by kind. rivalry.png is the difference between the errors of the two eyes. It
-    /// needs the auxiliary images position and normal in either folder: render with --aov position,normal. With
-    /// shown_position,shown_normal,virtual_position as well, what mirrors and glass show is matched, not the mirrors
-    /// themselves. Surfaces that the right eye does not show are grey. Maps of several images are in the folders
-    /// 1, 2, … of DIR.
+    /// it needs the auxiliary images of --by kind. rivalry.png is the difference between the errors of the two eyes, or
+    /// of each view and the next one. It needs the auxiliary images position and normal in either folder: render with
+    /// --aov position,normal. With shown_position,shown_normal,virtual_position as well, what mirrors and glass show is
+    /// matched, not the mirrors themselves. Surfaces that the right eye does not show are grey. Maps of several images
+    /// are in the folders 1, 2, … of DIR.
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
-    /// Write a CSV file with a row per image: means over eyes and frames
+    /// Write a CSV file with a row per image: means over views and frames
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
     /// Print JSON, a line per image
@@ -123,8 +126,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         rows.push(Row { image: image.display().to_string(), values });
     }
     if !args.json && !is_one {
-        say!("{}", if is_detailed { "\nmeans over eyes and frames:" } else { "means over eyes and frames:" });
-        rows::print(&rows);
+        say!("{}", if is_detailed { "\nmeans over views and frames:" } else { "means over views and frames:" });
+        rows::print("image", &rows);
     }
     args.csv.as_ref().map_or(Ok(()), |path| rows::write(path, &rows))
 }
@@ -160,15 +163,7 @@ impl Comparison<'_> {
         match (reference.is_dir(), image.is_dir()) {
             (false, false) if [reference, image].into_iter().any(pictures::is_picture) => pictures::run(self),
             (false, false) => self.one(),
-            (true, true) if sequence::is_sequence(reference, image).map_err(Failure::Input)? => {
-                let options = self.by.names().into_iter().chain([("--maps", self.maps.is_some())]);
-                let what = "works on single frames: name two files, or folders without numbered frames";
-                match options.into_iter().find(|(_, is_given)| *is_given) {
-                    Some((option, _)) => Err(input(format!("{option} {what}"))),
-                    None => sequence::run(self),
-                }
-            }
-            (true, true) => self.both_eyes(),
+            (true, true) => self.folders(),
             (reference_is_dir, _) => {
                 let (folder, other) = if reference_is_dir { (reference, image) } else { (image, reference) };
                 let what = if other.exists() { "is not" } else { "is not there" };
@@ -183,40 +178,70 @@ impl Comparison<'_> {
         let findings = &compared.findings;
         findings.warn("");
         findings.rings.iter().for_each(Rings::warn);
-        self.finish(findings, || Ok(compared.maps()), || text::print(&[("image", findings)]))?;
+        self.finish(findings, || Ok(compared.maps()), || text::print(&[("image".to_owned(), findings)]))?;
         Ok(rows::of_errors(findings.errors.values()))
     }
 
-    fn both_eyes(&self) -> Result<Values, Failure> {
-        let read = |name: &str| Compared::read(self, &self.args.reference.join(name), &self.image.join(name));
-        let (left, right) = (read("left.exr")?, read("right.exr")?);
-        left.findings.warn("left eye: ");
-        right.findings.warn("right eye: ");
-        left.findings.rings.iter().for_each(Rings::warn);
-        let pairs = PerView::both(&left.pair, &right.pair);
-        let (differences, features) = self.of_both_eyes(&pairs).map_err(Failure::Input)?;
-        let rivalry = differences.as_ref().map(Differences::rivalry).unwrap_or_default();
+    fn folders(&self) -> Result<Values, Failure> {
+        let (reference, image) = (&*self.args.reference, self.image);
+        let read = |folder| FolderViews::read(folder).map_err(Failure::Input);
+        let found = [&read(reference)?, &read(image)?];
+        let eyes = views::common([reference, image], found).map_err(Failure::Input)?;
+        if !sequence::is_sequence(found) {
+            return self.views(&eyes);
+        }
+        let options = self.by.names().into_iter().chain([("--maps", self.maps.is_some())]);
+        let what = "works on single frames: name two files, or folders without numbered frames";
+        match options.into_iter().find(|(_, is_given)| *is_given) {
+            Some((option, _)) => Err(input(format!("{option} {what}"))),
+            None => sequence::run(self, found, eyes),
+        }
+    }
+
+    fn views(&self, eyes: &[Eye]) -> Result<Values, Failure> {
+        let mut views = Vec::new();
+        for eye in eyes {
+            let name = format!("{}.exr", eye.file_stem());
+            let view = Compared::read(self, &self.args.reference.join(&name), &self.image.join(&name))?;
+            view.findings.warn(&format!("{}: ", views::name(*eye)));
+            views.push(view);
+        }
+        views[0].findings.rings.iter().for_each(Rings::warn);
+        let (differences, features) = self.of_neighbours(eyes, &views).map_err(Failure::Input)?;
+        let rivalries: Vec<_> = differences.iter().flatten().map(Differences::rivalry).collect();
+        let (rivalry, features) = (Rivalry::mean_of(&rivalries), FeatureDisparity::of_errors(features));
         let maps = || {
-            let both = left.maps().into_iter().zip(right.maps());
-            let side_by_side = |((name, left), (_, right)): (Map, Map)| match (left, right) {
-                (Ok(left), Ok(right)) => Ok((name, Ok(stereo::side_by_side(&left, &right)?))),
-                (left, right) => Ok((name, left.and(right))),
+            let all: Vec<Vec<Map>> = views.iter().map(Compared::maps).collect();
+            let joined = |i: usize| {
+                let pictures: Result<Vec<_>, _> = all.iter().map(|maps| maps[i].1.clone()).collect();
+                let joined = match pictures {
+                    Ok(pictures) => Ok(sheet::of_views(&pictures)?),
+                    Err(reason) => Err(reason),
+                };
+                Ok((all[0][i].0, joined))
             };
-            let rivalry = differences.as_ref().map(Differences::map).ok_or_else(|| NEEDS.to_owned());
-            both.map(side_by_side).chain([Ok((maps::RIVALRY, rivalry))]).collect::<Result<Vec<Map>, Failure>>()
+            let rivalry = differences.as_ref().map(|found| found.iter().map(Differences::map).collect::<Vec<_>>());
+            let rivalry = rivalry.map(|maps| sheet::of_views(&maps)).transpose()?.ok_or_else(|| NEEDS.to_owned());
+            let rivalry = (eyes.len() > 1).then_some(Ok((maps::RIVALRY, rivalry)));
+            (0..all[0].len()).map(joined).chain(rivalry).collect::<Result<Vec<Map>, Failure>>()
         };
-        let means = mean(&left.findings, &right.findings);
+        let found = || views.iter().map(|view| &view.findings);
+        let means = mean(found());
         let mean = MEASURES.iter().zip(means).map(|((name, _), mean)| ((*name).to_owned(), mean.into())).collect();
-        let both = [&left.findings, &right.findings];
         let print = || {
-            text::print(&[("left", both[0]), ("right", both[1])]);
-            text::print_rivalry(&rivalry, &features);
+            text::print(&eyes.iter().map(|eye| eye.file_stem()).zip(found()).collect::<Vec<_>>());
+            if eyes.len() > 2 {
+                say!("\nmeans over neighbouring views:");
+            }
+            if eyes.len() > 1 {
+                text::print_rivalry(&rivalry, &features, if eyes.len() == 2 { 2 } else { 0 });
+            }
         };
-        let of_eyes = RIVALRY_MEASURES.iter().zip(rivalry.values());
-        let of_both = of_eyes.chain(FEATURE_MEASURES.iter().zip(features.values())).map(|((name, _), v)| (*name, v));
-        let values = rows::of_errors(means).into_iter().chain(of_both.filter(|_| differences.is_some())).collect();
-        let eyes = both.into_iter().collect();
-        self.finish(&BothFindings { eyes, mean, rivalry, features }, maps, print)?;
+        let of_neighbours = RIVALRY_MEASURES.iter().zip(rivalry.values());
+        let of_neighbours = of_neighbours.chain(FEATURE_MEASURES.iter().zip(features.values()));
+        let of_neighbours = of_neighbours.map(|((name, _), value)| (*name, value)).filter(|_| !rivalries.is_empty());
+        let values = rows::of_errors(means).into_iter().chain(of_neighbours).collect();
+        self.finish(&AllFindings { views: found().collect(), mean, rivalry, features }, maps, print)?;
         Ok(values)
     }
 
@@ -244,16 +269,24 @@ impl Comparison<'_> {
         Ok(())
     }
 
-    /// Returns the differences between the eyes' errors, and the errors of features' disparity; nothing without
-    /// auxiliary images that tell which pixels match.
-    fn of_both_eyes(&self, pairs: &PerView<&Pair>) -> Result<(Option<Differences>, FeatureDisparity), anyhow::Error> {
-        let seen = |name: &str| Seen::read(&[&self.image.join(name), &self.args.reference.join(name)]);
-        let (Some(left), Some(right)) = (seen("left.exr")?, seen("right.exr")?) else {
-            return Ok((None, FeatureDisparity::default()));
+    /// Returns the differences between the errors of each view and the next one, and the errors of features' disparity;
+    /// nothing without auxiliary images that tell which pixels match.
+    fn of_neighbours(
+        &self,
+        eyes: &[Eye],
+        views: &[Compared],
+    ) -> Result<(Option<Vec<Differences>>, Vec<f64>), anyhow::Error> {
+        let seen = |eye: &Eye| {
+            let name = format!("{}.exr", eye.file_stem());
+            Seen::read(&[&self.image.join(&name), &self.args.reference.join(&name)])
         };
-        let surfaces = [&left, &right].map(|seen| (&seen.surfaces, seen.shown.as_ref()));
-        let differences = rivalry::differences(pairs, surfaces, &right.tags)?;
-        Ok((differences, rivalry::features(pairs, &left.surfaces, &right.tags)?))
+        let Some(seen) = eyes.iter().map(seen).collect::<Result<Option<Vec<_>>, _>>()? else {
+            return Ok((None, Vec::new()));
+        };
+        let views: Vec<_> = views.iter().zip(&seen).map(|(view, seen)| seen.view(&view.pair)).collect();
+        let differences = neighbours(&views).map(rivalry::differences).collect::<Result<_, _>>()?;
+        let features: Vec<Vec<f64>> = neighbours(&views).map(rivalry::features).collect::<Result<_, _>>()?;
+        Ok((differences, features.concat()))
     }
 }
 

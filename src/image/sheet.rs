@@ -1,7 +1,7 @@
 //! Contact sheets: many images in one.
 
 use super::display::{DisplayImage, level, linear_from_srgb, srgb_from_linear};
-use super::{Extent, Image, ImageError, check_same_size};
+use super::{Extent, Image, ImageError, check_same_size, stereo};
 
 /// Gap between images in pixels.
 const GAP: u32 = 4;
@@ -22,6 +22,17 @@ pub fn reduced(picture: &DisplayImage, width: u32) -> DisplayImage {
     };
     let pixels = extent.rows().flat_map(|y| (0..extent.width).map(move |x| (x, y))).map(|(x, y)| pixel(x, y));
     Image { extent, pixels: pixels.collect() }
+}
+
+/// Puts the pictures of all views of a rig into one: two eyes side by side, more views in rows of four.
+///
+/// # Errors
+/// [`ImageError::SizeMismatch`].
+pub fn of_views(pictures: &[DisplayImage]) -> Result<DisplayImage, ImageError> {
+    match pictures {
+        [left, right] => stereo::side_by_side(left, right),
+        _ => contact_sheet(pictures, 4),
+    }
 }
 
 /// Arranges images of the same size in a grid with `columns` columns, row by row from the top left, on black.

@@ -53,18 +53,26 @@ impl FeatureDisparity {
         [Some(self.features as f64), self.disparity_off, self.disparity_off_p95]
     }
 
-    /// Finds the features of two eyes. `surfaces` are those of the left eye, `world_to_ndc` is the right eye's matrix of
-    /// that name, for row vectors, and `pixel_centre` is the sample position in each pixel.
+    /// Returns the measures of features with these errors in pixels.
+    pub fn of_errors(mut errors: Vec<f64>) -> Self {
+        errors.sort_by(f64::total_cmp);
+        let quantile = |fraction: f64| errors.get((fraction * errors.len() as f64) as usize).copied();
+        Self { features: errors.len(), disparity_off: quantile(0.5), disparity_off_p95: quantile(0.95) }
+    }
+
+    /// Finds the features of two eyes, and returns their errors in pixels. `surfaces` are those of the left eye,
+    /// `world_to_ndc` is the right eye's matrix of that name, for row vectors, and `pixel_centre` is the sample position in
+    /// each pixel.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
-    pub fn new(
+    pub fn errors(
         left: &Pair,
         right: &Pair,
         surfaces: &Surfaces,
         world_to_ndc: &[[f32; 4]; 4],
         pixel_centre: [f32; 2],
-    ) -> Result<Self, ImageError> {
+    ) -> Result<Vec<f64>, ImageError> {
         check_same_size(left.extent, right.extent)?;
         check_same_size(left.extent, surfaces.extent())?;
         let [width, height] = [left.extent.width, left.extent.height].map(|n| n as usize);
@@ -96,9 +104,7 @@ impl FeatureDisparity {
             let found = images.best(at, around - REACH, around + REACH);
             off.push(found.map_or(f64::from(REACH), |(found, _)| (found - expected).abs().min(f64::from(REACH))));
         }
-        off.sort_by(f64::total_cmp);
-        let quantile = |fraction: f64| off.get((fraction * off.len() as f64) as usize).copied();
-        Ok(Self { features: off.len(), disparity_off: quantile(0.5), disparity_off_p95: quantile(0.95) })
+        Ok(off)
     }
 }
 
@@ -191,7 +197,8 @@ mod tests {
 
     fn off(reference: f64, found: f64) -> FeatureDisparity {
         let pair = |eye| Pair::new(&spots(reference, eye), &spots(found, eye), 0.0).unwrap();
-        FeatureDisparity::new(&pair(0), &pair(1), &surfaces(0), &world_to_ndc(1), CENTRE).unwrap()
+        let errors = FeatureDisparity::errors(&pair(0), &pair(1), &surfaces(0), &world_to_ndc(1), CENTRE);
+        FeatureDisparity::of_errors(errors.unwrap())
     }
 
     #[test]

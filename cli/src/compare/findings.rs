@@ -43,14 +43,15 @@ pub(super) struct Rings {
     pub(super) rings: Vec<Ring>,
 }
 
-/// Results for two eyes, as printed by `--json`.
+/// Results for the views of a rig, as printed by `--json`.
 #[derive(Serialize)]
-pub(super) struct BothFindings<'a> {
+pub(super) struct AllFindings<'a> {
     #[serde(flatten)]
-    pub(super) eyes: PerView<&'a Findings>,
-    /// Means over both eyes; `null` for measures that are undefined in one of them.
+    pub(super) views: PerView<&'a Findings>,
+    /// Means over views; `null` for measures that are undefined in one of them.
     pub(super) mean: serde_json::Map<String, serde_json::Value>,
-    /// `null` without auxiliary images that tell which pixels of the eyes show the same surface.
+    /// Means over neighbouring views; `null` without auxiliary images that tell which of their pixels show the same
+    /// surface.
     #[serde(flatten)]
     pub(super) rivalry: Rivalry,
     #[serde(flatten)]
@@ -74,8 +75,7 @@ impl Rings {
     }
 }
 
-/// Returns the mean of each measure over both eyes, if it is defined in both.
-pub(super) fn mean(left: &Findings, right: &Findings) -> [Option<f64>; 9] {
-    let (left, right) = (left.errors.values(), right.errors.values());
-    std::array::from_fn(|i| rows::mean([left[i], right[i]]))
+/// Returns the mean of each measure over views, if it is defined in all of them.
+pub(super) fn mean<'a>(views: impl ExactSizeIterator<Item = &'a Findings> + Clone) -> [Option<f64>; 9] {
+    std::array::from_fn(|i| rows::mean(views.clone().map(|view| view.errors.values()[i])))
 }

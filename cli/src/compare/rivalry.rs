@@ -1,11 +1,10 @@
-//! Binocular rivalry of a stereo image, whose auxiliary images tell which pixels of the eyes show the same surface.
+//! Binocular rivalry between neighbouring views, whose auxiliary images tell which of their pixels show the same surface.
 
 use std::path::Path;
 
 use anyhow::{Context, Error};
 
 use super::aovs;
-use diptych::exec::PerView;
 use diptych::image::exr::Tags;
 use diptych::metrics::Pair;
 use diptych::metrics::disparity::FeatureDisparity;
@@ -13,12 +12,22 @@ use diptych::metrics::rivalry::Differences;
 use diptych::metrics::surfaces::Surfaces;
 
 /// Explanation of why rivalry is undefined.
-pub const NEEDS: &str = "needs auxiliary images of both eyes: render with --aov position,normal";
+pub const NEEDS: &str = "needs auxiliary images of all views: render with --aov position,normal";
 
 /// Coordinates of vectors in auxiliary images.
 const XYZ: [&str; 3] = ["X", "Y", "Z"];
 
-/// Surfaces that an eye sees in a frame, and the metadata of their file.
+/// A view's image and reference, and the surfaces that it shows.
+pub struct View<'a> {
+    pub pair: &'a Pair,
+    pub surfaces: &'a Surfaces,
+    /// Surfaces that mirrors and glass show, if auxiliary images tell them.
+    pub shown: Option<&'a Surfaces>,
+    /// Metadata of the auxiliary images.
+    pub tags: &'a Tags,
+}
+
+/// Surfaces that a view shows in a frame, and the metadata of their file.
 pub struct Seen {
     pub surfaces: Surfaces,
     /// Surfaces that mirrors and glass show, if auxiliary images tell them.
@@ -39,10 +48,11 @@ impl Seen {
         }
         Ok(None)
     }
-}
 
-/// Surfaces of an eye: its own, and those that mirrors and glass show, if auxiliary images tell them.
-pub type OfEye<'a> = (&'a Surfaces, Option<&'a Surfaces>);
+    pub fn view<'a>(&'a self, pair: &'a Pair) -> View<'a> {
+        View { pair, surfaces: &self.surfaces, shown: self.shown.as_ref(), tags: &self.tags }
+    }
+}
 
 /// Reads the auxiliary images `shown_position`, `shown_normal` and `virtual_position` beside an image; `None` if one is
 /// missing.
@@ -58,23 +68,24 @@ fn camera(tags: &Tags) -> Option<(&[[f32; 4]; 4], [f32; 2])> {
     Some((tags.world_to_ndc.as_ref()?, tags.pixel_centre.unwrap_or([0.5; 2])))
 }
 
-/// Subtracts the right eye's errors from the left eye's; `None` if `right_tags`, the metadata of the right eye's
-/// auxiliary images, do not tell its camera. Compares what mirrors and glass show if auxiliary images of both eyes tell
-/// it.
-pub fn differences(
-    pairs: &PerView<&Pair>,
-    [left, right]: [OfEye; 2],
-    right_tags: &Tags,
-) -> Result<Option<Differences>, Error> {
-    let Some((world_to_ndc, centre)) = camera(right_tags) else { return Ok(None) };
-    let (left, right) = left.1.zip(right.1).unwrap_or((left.0, right.0));
-    let in_right = left.in_other_eye(right, world_to_ndc, centre)?;
+/// Subtracts the errors of the right one of two neighbours from those of the left one; `None` if metadata do not tell its
+/// camera. Compares what mirrors and glass show if auxiliary images of both tell it.
+pub fn differences([left, right]: [&View; 2]) -> Result<Option<Differences>, Error> {
+    let Some((world_to_ndc, centre)) = camera(right.tags) else { return Ok(None) };
+    let (of_left, of_right) = left.shown.zip(right.shown).unwrap_or((left.surfaces, right.surfaces));
+    let in_right = of_left.in_other_eye(of_right, world_to_ndc, centre)?;
     let differ = || "the auxiliary images differ from the images in size";
-    Ok(Some(Differences::new(pairs.left(), pairs.right(), &in_right).with_context(differ)?))
+    Ok(Some(Differences::new(left.pair, right.pair, &in_right).with_context(differ)?))
 }
 
-/// Measures the disparity of highlights and reflections; nothing if `right_tags` do not tell the right eye's camera.
-pub fn features(pairs: &PerView<&Pair>, left: &Surfaces, right_tags: &Tags) -> Result<FeatureDisparity, Error> {
-    let Some((world_to_ndc, centre)) = camera(right_tags) else { return Ok(FeatureDisparity::default()) };
-    Ok(FeatureDisparity::new(pairs.left(), pairs.right(), left, world_to_ndc, centre)?)
+/// Returns the errors of the disparity of highlights and reflections between two neighbours; none if metadata do not tell
+/// the right one's camera.
+pub fn features([left, right]: [&View; 2]) -> Result<Vec<f64>, Error> {
+    let Some((world_to_ndc, centre)) = camera(right.tags) else { return Ok(Vec::new()) };
+    Ok(FeatureDisparity::errors(left.pair, right.pair, left.surfaces, world_to_ndc, centre)?)
+}
+
+/// Returns pairs of neighbours, from left to right.
+pub fn neighbours<T>(views: &[T]) -> impl Iterator<Item = [&T; 2]> {
+    views.windows(2).map(|pair| [&pair[0], &pair[1]])
 }

@@ -1,4 +1,4 @@
-//! A row per compared image, with the means of each measure over eyes and frames.
+//! A row per compared image, with the means of each measure over views and frames.
 
 use std::path::{Path, PathBuf};
 
@@ -18,14 +18,15 @@ pub struct Row {
     pub values: Values,
 }
 
-/// Returns the measures of an image, or of both eyes, with their names.
+/// Returns the measures of an image, or their means over views, with their names.
 pub fn of_errors(values: [Option<f64>; 9]) -> Values {
     MEASURES.iter().map(|(name, _)| *name).zip(values).collect()
 }
 
-/// Returns the mean of two values; `None` if one is undefined.
-pub fn mean([left, right]: [Option<f64>; 2]) -> Option<f64> {
-    Some((left? + right?) / 2.0)
+/// Returns the mean of some values; `None` if one is undefined.
+pub fn mean(values: impl ExactSizeIterator<Item = Option<f64>>) -> Option<f64> {
+    let count = values.len();
+    Some(values.sum::<Option<f64>>()? / count as f64)
 }
 
 /// Returns the names of all measures, and the values of each row.
@@ -36,11 +37,12 @@ fn columns(rows: &[Row]) -> (Vec<&'static str>, Vec<Vec<Option<f64>>>) {
     (names, values)
 }
 
-/// Prints a line per image. Measures that are defined for none of them are left out.
-pub fn print(rows: &[Row]) {
+/// Prints a line per image; `what` is the heading of their names. Measures that are defined for none of them are left
+/// out.
+pub fn print(what: &'static str, rows: &[Row]) {
     let (names, values) = columns(rows);
     let known: Vec<usize> = (0..names.len()).filter(|i| values.iter().any(|row| row[*i].is_some())).collect();
-    let headers = ["image"].into_iter().chain(known.iter().map(|i| names[*i])).collect();
+    let headers = [what].into_iter().chain(known.iter().map(|i| names[*i])).collect();
     let decimals = |i: usize| if names[i].starts_with("nonfinite") || names[i] == "features" { 0 } else { 6 };
     let line = |(row, values): (&Row, Vec<Option<f64>>)| {
         let cells = known.iter().map(|i| cell(values[*i], decimals(*i)));

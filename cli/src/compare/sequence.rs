@@ -12,10 +12,13 @@ use diptych::metrics::rivalry::{Differences, RIVALRY_MEASURES, Rivalry};
 use diptych::metrics::surfaces::{Sighting, Surfaces};
 use diptych::metrics::temporal::{Change, MovingSurfaces};
 use diptych::metrics::{Errors, MEASURES, Pair};
+use diptych::scene::rig::Eye;
 use serde::Serialize;
 
+use super::rivalry::{View, neighbours};
 use super::rows::{Values, mean};
 use super::viewing::{Source, differences, source_note};
+use super::views::{FolderViews, name};
 use super::{Comparison, aovs, rivalry, viewing};
 use crate::failure::Failure;
 
@@ -35,28 +38,27 @@ struct Sequence<'a> {
     image: &'a Path,
     exposure_ev: f32,
     exposure_source: Source,
-    frames: BTreeSet<u32>,
+    frames: &'a BTreeSet<u32>,
+    eyes: Vec<Eye>,
 }
 
-/// True if two folders are compared as sequences: both have at least two numbered frames, or neither has left.exr or
-/// right.exr.
-pub fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
-    let eyes = |folder: &Path| ["left.exr", "right.exr"].iter().any(|name| folder.join(name).is_file());
-    let numbered = [frames_in(reference)?, frames_in(image)?];
-    let is_one_of_eyes = [reference, image].into_iter().any(eyes);
-    Ok(numbered.iter().all(|frames| frames.len() > 1) || !is_one_of_eyes)
+/// True if two folders are compared as sequences: both have at least two numbered frames, or neither has images without
+/// frame numbers.
+pub fn is_sequence(folders: [&FolderViews; 2]) -> bool {
+    folders.iter().all(|folder| folder.frames.len() > 1) || folders.iter().all(|folder| !folder.has_stills)
 }
 
-/// Compares two sequences, prints the measures, and returns their means over eyes and frames.
-pub fn run(comparison: &Comparison<'_>) -> Result<Values, Failure> {
+/// Compares two sequences of these views, prints the measures, and returns their means over views and frames.
+pub fn run(comparison: &Comparison<'_>, folders: [&FolderViews; 2], eyes: Vec<Eye>) -> Result<Values, Failure> {
     let Comparison { args, image, .. } = comparison;
-    let sequence = Sequence::find(&args.reference, image, args.exposure).map_err(Failure::Input)?;
+    let sequence = Sequence::find([&args.reference, image], folders, eyes, args.exposure).map_err(Failure::Input)?;
     let results = sequence.results().map_err(Failure::Input)?;
     comparison.finish(&results, || Ok(Vec::new()), || print(&sequence, &results))?;
-    let [left, right] = results.rows.outer();
-    let means = MEASURES.iter().map(|(name, _)| (*name, mean([left, right].map(|row| row.mean.get(name)))));
-    let changes = [left, right].map(|row| [row.temporal.flicker, row.temporal.ghosting, row.temporal.new_share]);
-    let changes = SEQUENCE_MEASURES.iter().enumerate().map(|(i, (name, _))| (*name, mean(changes.map(|of| of[i]))));
+    let rows = || results.rows.iter();
+    let means = MEASURES.iter().map(|(name, _)| (*name, mean(rows().map(|row| row.mean.get(name)))));
+    let changes = |row: &SequenceRow| [row.temporal.flicker, row.temporal.ghosting, row.temporal.new_share];
+    let changes =
+        SEQUENCE_MEASURES.iter().enumerate().map(|(i, (name, _))| (*name, mean(rows().map(|row| changes(row)[i]))));
     let rivalry = RIVALRY_MEASURES.iter().map(|(name, _)| *name).zip(results.rivalry.values());
     Ok(means.chain(changes).chain(rivalry).chain([(RIVALRY_FLICKER.0, results.rivalry_flicker)]).collect())
 }
@@ -64,9 +66,9 @@ pub fn run(comparison: &Comparison<'_>) -> Result<Values, Failure> {
 fn print(sequence: &Sequence<'_>, results: &Results) {
     say!("{}\n", sequence_table(&results.rows).text().trim_end());
     let values = results.rivalry.values().into_iter().chain([results.rivalry_flicker]);
-    let of_eyes: Vec<_> = RIVALRY_MEASURES.into_iter().chain([RIVALRY_FLICKER]).zip(values).collect();
-    let row = of_eyes.iter().map(|(_, value)| cell(*value, 6)).collect();
-    say!("{}\n", text_table(&of_eyes.iter().map(|((name, _), _)| *name).collect::<Vec<_>>(), &[row]).trim_end());
+    let rivalry: Vec<_> = RIVALRY_MEASURES.into_iter().chain([RIVALRY_FLICKER]).zip(values).collect();
+    let row = rivalry.iter().map(|(_, value)| cell(*value, 6)).collect();
+    say!("{}\n", text_table(&rivalry.iter().map(|((name, _), _)| *name).collect::<Vec<_>>(), &[row]).trim_end());
     let exposure = ("exposure_ev", source_note(sequence.exposure_source));
     let shown = MEASURES.into_iter().filter(|(name, _)| ["relmse", "psnr", "flip", "mean_ratio"].contains(name));
     for (name, meaning) in
@@ -80,11 +82,16 @@ fn print(sequence: &Sequence<'_>, results: &Results) {
 
 impl<'a> Sequence<'a> {
     /// Finds the frames of both folders, which must have the same consecutive numbers.
-    fn find(reference: &'a Path, image: &'a Path, exposure_ev: Option<f32>) -> Result<Self, anyhow::Error> {
-        let [of_reference, of_image] = [frames_in(reference)?, frames_in(image)?];
-        for (folder, own, other) in [(image, &of_image, &of_reference), (reference, &of_reference, &of_image)] {
+    fn find(
+        [reference, image]: [&'a Path; 2],
+        folders: [&'a FolderViews; 2],
+        eyes: Vec<Eye>,
+        exposure_ev: Option<f32>,
+    ) -> Result<Self, anyhow::Error> {
+        let [of_reference, of_image] = folders.map(|folder| &folder.frames);
+        for (folder, own, other) in [(image, of_image, of_reference), (reference, of_reference, of_image)] {
             if let Some(&frame) = other.difference(own).next() {
-                bail!("there is no {}: render both with the same --frames", colour(folder, "left", frame).display());
+                bail!("there is no {}: render both with the same --frames", colour(folder, eyes[0], frame).display());
             }
         }
         let few = "frame(s) named like left.0000.exr, but a sequence needs two: render with --frames, or name \
@@ -95,43 +102,43 @@ impl<'a> Sequence<'a> {
             bail!("{} has no frame between {last} and {next}: frame numbers must be consecutive", image.display());
         }
         let first = of_image.first().copied().unwrap_or_default();
-        let tags = |folder| Ok::<_, anyhow::Error>(exr::read_colour(&colour(folder, "left", first))?.tags);
+        let tags = |folder| Ok::<_, anyhow::Error>(exr::read_colour(&colour(folder, eyes[0], first))?.tags);
         let (exposure_ev, exposure_source) = viewing::exposure_ev(exposure_ev, &tags(reference)?, &tags(image)?);
-        Ok(Self { reference, image, exposure_ev, exposure_source, frames: of_image })
+        Ok(Self { reference, image, exposure_ev, exposure_source, frames: of_image, eyes })
     }
 
-    /// Compares both eyes frame by frame.
+    /// Compares all views frame by frame.
     fn results(&self) -> Result<Results, anyhow::Error> {
-        let mut eyes = ["left", "right"].map(|name| EyeSums { name, ..EyeSums::default() });
+        let mut views: Vec<_> = self.eyes.iter().map(|eye| ViewSums::new(*eye)).collect();
         let (mut rivalries, mut flickers) = (Vec::new(), Vec::new());
-        let mut before: Option<Differences> = None;
-        for &frame in &self.frames {
-            let mut history = None;
-            for eye in &mut eyes {
-                let now = self.frame(eye.name, frame);
-                let now = now.with_context(|| format!("cannot compare frame {frame}, {} eye", eye.name))?;
-                let found = eye.add(frame, now)?;
-                history = history.or(found);
+        // Differences between neighbours in the frame before.
+        let mut before: Vec<Option<Differences>> = Vec::new();
+        for &frame in self.frames {
+            let mut histories = Vec::new();
+            for view in &mut views {
+                let now = self.frame(view.eye, frame);
+                let now = now.with_context(|| format!("cannot compare frame {frame}, {}", name(view.eye)))?;
+                histories.push(view.add(frame, now)?);
             }
-            let [left, right] = eyes.each_ref().map(|eye| eye.before.as_ref());
-            let Some((left, right)) = left.zip(right) else { continue };
-            let pairs = PerView::both(&left.pair, &right.pair);
-            let surfaces = [left, right].map(|eye| (eye.surfaces.surfaces(), eye.shown.as_ref()));
-            let differences = rivalry::differences(&pairs, surfaces, &right.tags)?;
-            if let Some(((now, before), history)) = differences.as_ref().zip(before.as_ref()).zip(history) {
-                flickers.extend(now.flicker(before, &history));
+            let shown: Vec<_> = views.iter().flat_map(|view| &view.before).map(ViewFrame::view).collect();
+            let found: Vec<_> = neighbours(&shown).map(rivalry::differences).collect::<Result<_, _>>()?;
+            for ((now, before), history) in found.iter().zip(&before).zip(&histories) {
+                if let Some(((now, before), history)) = now.as_ref().zip(before.as_ref()).zip(history.as_ref()) {
+                    flickers.extend(now.flicker(before, history));
+                }
             }
-            rivalries.push(differences.as_ref().map(Differences::rivalry).unwrap_or_default());
-            before = differences;
+            let of_pair = |found: &Option<Differences>| found.as_ref().map(Differences::rivalry).unwrap_or_default();
+            rivalries.extend(found.iter().map(of_pair));
+            before = found;
         }
-        let row = |eye: EyeSums| SequenceRow::new(eye.name, self.exposure_ev, eye.errors, eye.changes.into());
-        let [left, right] = eyes.map(row);
+        let row = |view: ViewSums| SequenceRow::new(view.eye, self.exposure_ev, view.errors, view.changes.into());
+        let rows = views.into_iter().map(row).collect();
         let rivalry_flicker = (!flickers.is_empty()).then(|| flickers.iter().sum::<f64>() / flickers.len() as f64);
-        Ok(Results { rows: PerView::both(left, right), rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
+        Ok(Results { rows, rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
     }
 
-    /// Reads a frame of an eye with its surfaces, and lists contradictions between the files' metadata.
-    fn frame(&self, eye: &str, frame: u32) -> Result<EyeFrame, anyhow::Error> {
+    /// Reads a frame of a view with its surfaces, and lists contradictions between the files' metadata.
+    fn frame(&self, eye: Eye, frame: u32) -> Result<ViewFrame, anyhow::Error> {
         let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
         let (reference, image) = (read(self.reference)?, read(self.image)?);
         let pair = Pair::new(&reference.image, &image.image, self.exposure_ev)?;
@@ -151,12 +158,12 @@ impl<'a> Sequence<'a> {
             surfaces = surfaces.with_last_position(last_position.image)?;
         }
         let warnings = differences(&reference.tags, &image.tags);
-        Ok(EyeFrame { pair, surfaces, shown: rivalry::shown(&path)?, tags: position.tags, warnings })
+        Ok(ViewFrame { pair, surfaces, shown: rivalry::shown(&path)?, tags: position.tags, warnings })
     }
 }
 
-/// A frame of an eye.
-struct EyeFrame {
+/// A frame of a view.
+struct ViewFrame {
     pair: Pair,
     surfaces: MovingSurfaces,
     /// Surfaces that mirrors and glass show, if auxiliary images tell them.
@@ -166,22 +173,32 @@ struct EyeFrame {
     warnings: Vec<String>,
 }
 
-/// Errors of an eye's frames so far.
-#[derive(Default)]
-struct EyeSums {
-    name: &'static str,
-    before: Option<EyeFrame>,
+impl ViewFrame {
+    fn view(&self) -> View<'_> {
+        let Self { pair, surfaces, shown, tags, .. } = self;
+        View { pair, surfaces: surfaces.surfaces(), shown: shown.as_ref(), tags }
+    }
+}
+
+/// Errors of a view's frames so far.
+struct ViewSums {
+    eye: Eye,
+    before: Option<ViewFrame>,
     errors: Vec<Errors>,
     changes: Change,
     has_warned: bool,
 }
 
-impl EyeSums {
+impl ViewSums {
+    fn new(eye: Eye) -> Self {
+        Self { eye, before: None, errors: Vec::new(), changes: Change::default(), has_warned: false }
+    }
+
     /// Adds a frame. Returns where the previous one shows its surfaces.
-    fn add(&mut self, frame: u32, now: EyeFrame) -> Result<Option<Vec<Sighting>>, anyhow::Error> {
+    fn add(&mut self, frame: u32, now: ViewFrame) -> Result<Option<Vec<Sighting>>, anyhow::Error> {
         // Most frames share their warnings, so report only those of the first frame that has some.
         if !self.has_warned {
-            now.warnings.iter().for_each(|warning| log!("warning: frame {frame}, {} eye: {warning}", self.name));
+            now.warnings.iter().for_each(|warning| log!("warning: frame {frame}, {}: {warning}", name(self.eye)));
         }
         self.has_warned |= !now.warnings.is_empty();
         self.errors.push(now.pair.errors());
@@ -199,25 +216,12 @@ impl EyeSums {
 struct Results {
     #[serde(flatten)]
     rows: PerView<SequenceRow>,
-    /// Means over frames.
+    /// Means over neighbouring views and frames.
     #[serde(flatten)]
     rivalry: Rivalry,
     rivalry_flicker: Option<f64>,
 }
 
-fn colour(folder: &Path, eye: &str, frame: u32) -> PathBuf {
-    folder.join(format!("{eye}.{frame:04}.exr"))
-}
-
-/// Returns the frame numbers of the left eye's files.
-fn frames_in(folder: &Path) -> Result<BTreeSet<u32>, anyhow::Error> {
-    let cannot_read = || format!("cannot read the folder {}", folder.display());
-    let mut frames = BTreeSet::new();
-    for entry in std::fs::read_dir(folder).with_context(cannot_read)? {
-        let name = entry.with_context(cannot_read)?.file_name();
-        let number: Option<u32> =
-            name.to_str().and_then(|n| n.strip_prefix("left.")?.strip_suffix(".exr")?.parse().ok());
-        frames.extend(number);
-    }
-    Ok(frames)
+fn colour(folder: &Path, eye: Eye, frame: u32) -> PathBuf {
+    folder.join(format!("{}.{frame:04}.exr", eye.file_stem()))
 }

@@ -11,6 +11,7 @@ use diptych::metrics::seams::SeamError;
 
 use super::findings::{Findings, mean};
 use super::rivalry::NEEDS;
+use super::rows::{self, Row};
 use super::sequence::{RIVALRY_FLICKER, SEQUENCE_MEASURES};
 use super::viewing::{Source, source_note};
 
@@ -26,8 +27,8 @@ pub fn help() -> String {
         ("seam_ratio", "seam_rmse / elsewhere_rmse; 1 if seams are no worse than other rows"),
     ];
     format!(
-        "Measures of the image against the reference; for two eyes, one per eye and their mean:\n{}{}\n\
-         Measures of both eyes together, with --aov position,normal:\n{}{}\n\
+        "Measures of the image against the reference; for folders, one per view and their mean:\n{}{}\n\
+         Measures of both eyes together, or means over neighbouring views, with --aov position,normal:\n{}{}\n\
          Measures of sequences, means over frames:\n{}{}",
         lines(&MEASURES),
         lines(&more),
@@ -38,30 +39,42 @@ pub fn help() -> String {
     )
 }
 
-/// Prints the measures of one image, or of both eyes with their mean.
-pub fn print(compared: &[(&str, &Findings)]) {
-    let is_stereo = compared.len() > 1;
+/// Prints the measures of one image, or of all views with their mean. More than two views have a line each.
+pub fn print(compared: &[(String, &Findings)]) {
+    let is_one = compared.len() == 1;
     for (eye, findings) in compared {
         for (name, source) in [("reference", &findings.reference_source), ("image", &findings.image_source)] {
             if !source.is_plain() {
-                say!("{}{name}: {source}", if is_stereo { format!("{eye} ") } else { String::new() });
+                say!("{}{name}: {source}", if is_one { String::new() } else { format!("{eye} ") });
             }
         }
     }
-    if is_stereo {
-        let eyes = compared.iter().map(|(eye, _)| (*eye).to_owned());
-        line("", eyes.chain(["mean".to_owned()]), "");
-    }
-    let exposures = compared.iter().map(|(_, found)| found.exposure_ev.to_string());
     let note = source_note(compared[0].1.exposure_source);
-    line("exposure_ev", exposures.chain(is_stereo.then(String::new)), note);
+    let mut exposures: Vec<_> = compared.iter().map(|(_, found)| found.exposure_ev.to_string()).collect();
     let mut columns: Vec<_> = compared.iter().map(|(_, found)| found.errors.values()).collect();
-    if let [(_, left), (_, right)] = compared {
-        columns.push(mean(left, right));
+    if !is_one {
+        columns.push(mean(compared.iter().map(|(_, found)| *found)));
     }
-    print_errors(&columns);
+    let names = compared.iter().map(|(eye, _)| eye.clone()).chain(["mean".to_owned()]);
+    if compared.len() > 2 {
+        exposures.truncate(1);
+        line("exposure_ev", exposures, note);
+        let row = |(image, errors)| Row { image, values: rows::of_errors(errors) };
+        rows::print("view", &names.zip(columns).map(row).collect::<Vec<_>>());
+    } else {
+        if !is_one {
+            line("", names, "");
+            exposures.push(String::new());
+        }
+        line("exposure_ev", exposures, note);
+        print_errors(&columns);
+    }
     for (eye, findings) in compared {
-        let of = if is_stereo { format!(", {eye} eye") } else { String::new() };
+        let of = match compared.len() {
+            1 => String::new(),
+            2 => format!(", {eye} eye"),
+            _ => format!(", {eye}"),
+        };
         if let Some(seams) = &findings.seams {
             print_seams(seams, of.trim_start_matches(", "));
         }
@@ -98,13 +111,13 @@ pub fn print_seams(seams: &SeamError, meaning: &str) {
     }
 }
 
-/// Prints how much the errors of the two eyes differ, and the errors of features' disparity.
-pub fn print_rivalry(rivalry: &Rivalry, features: &FeatureDisparity) {
+/// Prints how much the errors of neighbours differ, and the errors of features' disparity, below `before` columns.
+pub fn print_rivalry(rivalry: &Rivalry, features: &FeatureDisparity, before: usize) {
     let rivalry_values = RIVALRY_MEASURES.iter().zip(rivalry.values());
     for ((name, meaning), value) in rivalry_values.chain(FEATURE_MEASURES.iter().zip(features.values())) {
         let meaning = if rivalry.unmatched.is_none() { NEEDS } else { meaning };
         let decimals = if *name == FEATURE_MEASURES[0].0 { 0 } else { 6 };
-        line(name, [String::new(), String::new(), number(value, decimals)], meaning);
+        line(name, vec![String::new(); before].into_iter().chain([number(value, decimals)]), meaning);
     }
 }
 

@@ -11,10 +11,10 @@ use diptych::metrics;
 use diptych::metrics::temporal::TemporalError;
 use diptych::scene::rig::Eye;
 
-/// Errors of one eye of a sequence against its reference.
+/// Errors of one view of a sequence against its reference.
 #[derive(Clone, Debug, Serialize)]
 pub struct SequenceRow {
-    pub eye: &'static str,
+    pub eye: Eye,
     pub frames: usize,
     /// Exposure in stops at which images are tonemapped for metrics of display values.
     pub exposure_ev: f32,
@@ -26,13 +26,13 @@ pub struct SequenceRow {
 }
 
 impl SequenceRow {
-    pub fn new(eye: &'static str, exposure_ev: f32, per_frame: Vec<metrics::Errors>, temporal: TemporalError) -> Self {
+    pub fn new(eye: Eye, exposure_ev: f32, per_frame: Vec<metrics::Errors>, temporal: TemporalError) -> Self {
         Self { eye, frames: per_frame.len(), exposure_ev, mean: Errors::mean_of(&per_frame), temporal, per_frame }
     }
 }
 
 const SEQUENCE: &[Column<SequenceRow>] = &[
-    ("eye", |r| r.eye.to_owned()),
+    ("eye", |r| r.eye.file_stem()),
     ("frames", |r| r.frames.to_string()),
     ("exposure_ev", |r| r.exposure_ev.to_string()),
     ("relmse", |r| cell(r.mean.get("relmse"), 6)),
@@ -44,9 +44,9 @@ const SEQUENCE: &[Column<SequenceRow>] = &[
     ("new_share", |r| cell(r.temporal.new_share, 4)),
 ];
 
-/// Returns a table with a line per eye.
+/// Returns a table with a line per view.
 pub fn sequence_table(rows: &PerView<SequenceRow>) -> Table {
-    Table::new(SEQUENCE, &[rows.left().clone(), rows.right().clone()])
+    Table::new(SEQUENCE, rows.values())
 }
 
 /// Errors of one eye's image in one frame that several devices rendered in stripes. In comments and field names, `one`

@@ -250,7 +250,7 @@ fn compare_of_several_images_has_a_row_for_each() {
     assert!(["maps/1/error.png", "maps/2/flip.png"].iter().all(|map| files.path(map).is_file()));
     let text = files.run(&format!("{COMPARE} ./reference.exr --csv ./all.csv")).out;
     let lines: Vec<&str> = text.lines().collect();
-    assert_eq!((lines.len(), lines[0]), (5, "means over eyes and frames:"), "{text}");
+    assert_eq!((lines.len(), lines[0]), (5, "means over views and frames:"), "{text}");
     assert!(lines[1].starts_with("image") && lines[3].contains("image.exr") && lines[4].contains("reference.exr"));
     let csv = files.text("all.csv");
     let mut reader = csv::Reader::from_reader(csv.as_bytes());

@@ -50,6 +50,49 @@ fn sequences_report_flickering_rivalry() {
     assert!(found["left"]["flicker"].is_number(), "{found}");
     let text = folder.run("compare ./reference ./image").out;
     assert!(text.contains("rivalry_flicker") && text.contains("ghosting"), "{text}");
+    let views = "--frames 2 --fps 24 --views 3 --aov motion,position,normal";
+    render(&folder, "views", views);
+    let found = folder.run("compare ./views ./views --json").json();
+    assert_eq!((&found["view02 of 3"]["flicker"], &found["rivalry_flicker"]), (&0.0.into(), &0.0.into()), "{found}");
+}
+
+/// Two neighbours of a row are compared as two eyes are; values of the row are means.
+#[test]
+fn rivalry_of_views_is_that_of_neighbours() {
+    let folder = Folder::new();
+    let views = "--views 3 --baseline 0.05";
+    render(&folder, "reference", &format!("--reference --spp 64 {views}"));
+    render(&folder, "image", &format!("--aov position,normal {views}"));
+    let pair = |from: &str, first: usize| {
+        let to = format!("{from}{first}");
+        for name in folder.names(from).iter().filter(|name| name.ends_with(".exr")) {
+            for (view, eye) in [(first, "left"), (first + 1, "right")] {
+                if let Some(rest) = name.strip_prefix(&format!("view{view:02}.")) {
+                    folder.write(&format!("{to}/{eye}.{rest}"), folder.bytes(&format!("{from}/{name}")));
+                }
+            }
+        }
+    };
+    let all = folder.run("compare ./reference ./image --json").json();
+    let pairs = [0, 1].map(|first| {
+        pair("reference", first);
+        pair("image", first);
+        folder.run(&format!("compare ./reference{first} ./image{first} --json")).json()
+    });
+    for measure in ["rivalry", "rivalry_seen", "unmatched"] {
+        let [one, two] = pairs.each_ref().map(|found| found[measure].as_f64().unwrap());
+        let mean = all[measure].as_f64().unwrap();
+        assert!(one != two && (mean - (one + two) / 2.0).abs() < 1e-12, "{measure}: {mean} of {one} and {two}");
+    }
+    for (view, found) in [&pairs[0]["left"], &pairs[1]["left"], &pairs[1]["right"]].into_iter().enumerate() {
+        let rmse = &all[format!("view{view:02} of 3")]["rmse"];
+        assert!(rmse.is_number() && *rmse == found["rmse"], "view {view}");
+    }
+    let text = folder.run("compare ./reference ./image --maps ./maps").out;
+    assert!(text.contains("\nview02 ") && text.contains("\nmean ") && text.contains("\nrivalry_seen "), "{text}");
+    let maps = ["error", "rivalry"].map(|name| image::open(folder.path(&format!("maps/{name}.png"))).unwrap().width());
+    assert_eq!(maps, [3 * 64 + 2 * 4, 2 * 64]);
+    folder.refuses(2, "compare", "compare ./reference ./image0 => reference has 3 view(s) | image0 has 2 | --views");
 }
 
 /// A mirror ball shows its surroundings at another depth than its own, also in frames whose right eye is reprojected. The
