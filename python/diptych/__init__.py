@@ -24,7 +24,7 @@ if sys.platform.startswith("linux") and "XDG_RUNTIME_DIR" not in os.environ:
 from ._dataset import dataset  # noqa: E402
 from ._denoise import DenoiserFunction  # noqa: E402
 from ._denoiser import Denoiser  # noqa: E402
-from ._frame import Camera, Frame, Stereo  # noqa: E402
+from ._frame import Camera, Frame, PerView  # noqa: E402
 from ._measure import Bench, Errors, bench, compare, flip  # noqa: E402
 from ._native import __version__, read_exr, write_exr  # noqa: E402
 from ._renderer import Controller, Devices, Player, Renderer, Scene, load, reference, virtual  # noqa: E402
@@ -40,10 +40,10 @@ __all__ = [
     "Errors",
     "Frame",
     "Lanes",
+    "PerView",
     "Player",
     "Renderer",
     "Scene",
-    "Stereo",
     "Trace",
     "bench",
     "compare",

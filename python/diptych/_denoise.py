@@ -14,7 +14,7 @@ AOVS = ("base_color", "normal", "position", "motion")
 """Auxiliary images that a denoiser takes, in this order."""
 
 DenoiserFunction = Callable[[Image, Image, Image, Image, Image, Camera], Any]
-"""Denoises an eye's image: colour, albedo, normal, position, motion and camera to colour.
+"""Denoises a view: colour, albedo, normal, position, motion and camera to colour.
 
 Images are float32 of the shape (height, width, channels), as those of `Frame`; `motion` has two channels.
 """
@@ -36,17 +36,17 @@ def name(denoiser: Any) -> Any:
 
 
 def denoise(frame: Frame, denoiser: DenoiserFunction) -> Frame:
-    """Denoises both eyes. The report has the time that this takes, as `denoiser_ms`."""
+    """Denoises all views. The report has the time that this takes, as `denoiser_ms`."""
     begin = time.perf_counter()
     albedo, normal, position, motion = (frame.aov(aov) for aov in AOVS)
-    eyes = []
-    for colour, *guides in zip((frame.left, frame.right), albedo, normal, position, motion, frame.cameras):
+    views = []
+    for colour, *guides in zip(frame.views, albedo, normal, position, motion, frame.cameras):
         denoised = np.ascontiguousarray(denoiser(colour, *guides), np.float32)
         if denoised.shape != colour.shape:
             text = f"the denoiser {name(denoiser)} returned the shape {denoised.shape}, not {colour.shape}"
             raise ValueError(text)
-        eyes.append(denoised)
+        views.append(denoised)
     ms = (time.perf_counter() - begin) * 1e3
-    denoised_frame = Frame(frame._native.with_light(*eyes))
+    denoised_frame = Frame(frame._native.with_light(views))
     denoised_frame.report["denoiser_ms"] = ms
     return denoised_frame

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,28 +16,45 @@ from . import _native, _sinks
 Image = NDArray[np.float32]
 
 
-class Stereo(NamedTuple):
-    """A value for each eye."""
+class PerView(tuple[Any, ...]):
+    """A value for each view, from left to right. Two views are the eyes."""
 
-    left: Any
-    right: Any
+    @property
+    def left(self) -> Any:
+        """Value of the left one of two eyes."""
+        return self._eyes()[0]
+
+    @property
+    def right(self) -> Any:
+        """Value of the right one of two eyes."""
+        return self._eyes()[1]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the views in files: `left` and `right`, or `view00`, `view01` and so on."""
+        return ["left", "right"] if len(self) == 2 else [f"view{number:02}" for number in range(len(self))]
+
+    def _eyes(self) -> PerView:
+        if len(self) != 2:
+            raise AttributeError(f"only two views are left and right: index these {len(self)} from the left")
+        return self
 
 
 @dataclass(frozen=True)
 class Camera:
-    """The camera of an eye's image.
+    """The camera of a view.
 
     Matrices transform row vectors: `point @ world_to_ndc`, with a 1 as the fourth component.
     """
 
     world_to_camera: NDArray[np.float64]
-    """World to eye, in scene units: x to the right, y up, z along the view."""
+    """World to camera, in scene units: x to the right, y up, z along the view."""
     world_to_ndc: NDArray[np.float64]
     """World to image: after division by w, (0, 0) is its top left corner and (1, 1) its bottom right one."""
     width: int
     height: int
     eye: str = "left"
-    """`left` or `right`."""
+    """Name of the view: `left`, `right`, or `view07`, for example."""
 
     @classmethod
     def look_at(
@@ -71,7 +88,7 @@ class Camera:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """Position of the eye in the world, scene units."""
+        """Position in the world, scene units."""
         turn = self.world_to_camera[:3, :3]
         return -self.world_to_camera[3, :3] @ np.linalg.inv(turn)
 
@@ -102,11 +119,19 @@ class Frame:
 
     def __init__(self, native: _native.Frame):
         self._native = native
-        self.left: Image = native.left
-        """Left eye: scene-referred linear RGB, float32 of the shape (height, width, 3)."""
-        self.right: Image = native.right
-        """Right eye."""
+        self.views = PerView(native.views)
+        """Views from left to right: scene-referred linear RGB, float32 of the shape (height, width, 3)."""
         self._report: dict[str, Any] | None = None
+
+    @property
+    def left(self) -> Image:
+        """Left one of two eyes, `views[0]`."""
+        return self.views.left
+
+    @property
+    def right(self) -> Image:
+        """Right one of two eyes, `views[1]`."""
+        return self.views.right
 
     @property
     def report(self) -> dict[str, Any]:
@@ -130,43 +155,48 @@ class Frame:
         """Names of the auxiliary images."""
         return self._native.aovs
 
-    def aov(self, name: str) -> Stereo:
-        """Auxiliary image of both eyes, float32.
+    def aov(self, name: str) -> PerView:
+        """Auxiliary image of each view, float32.
 
         The shape is (height, width, channels), or (height, width) for one channel.
         """
-        return Stereo(*(image[..., 0] if image.shape[2] == 1 else image for image in self._native.aov(name)))
+        return PerView(image[..., 0] if image.shape[2] == 1 else image for image in self._native.aov(name))
 
     @property
-    def cameras(self) -> Stereo:
-        """`Camera` of each eye."""
+    def cameras(self) -> PerView:
+        """`Camera` of each view."""
         width, height = self._native.size
-        eyes = [(eye, self.report["cameras"][eye]) for eye in ("left", "right")]
-        matrices = [(np.array(of_eye["world_to_camera"]), np.array(of_eye["world_to_ndc"])) for _, of_eye in eyes]
-        return Stereo(*(Camera(*of_eye, width, height, eye) for of_eye, (eye, _) in zip(matrices, eyes)))
+        cameras = zip(self.views.names, self.report["cameras"].values())
+        matrices = [(name, np.array(of["world_to_camera"]), np.array(of["world_to_ndc"])) for name, of in cameras]
+        return PerView(Camera(to_camera, to_ndc, width, height, name) for name, to_camera, to_ndc in matrices)
 
-    def disparity(self) -> Stereo:
-        """Disparity of each eye's pixels, float32 in pixels: the left image's position minus that in the right one.
+    def disparity(self) -> PerView:
+        """Disparity of each view's pixels, float32 in pixels: the left image's position minus that in the right one.
+
+        Of more than two views, these are the view and its neighbour on the right; the last one has that on the left.
 
         It is exact, since it comes from the positions of surfaces: the renderer needs `aov=["position", "depth"]`. It
-        is positive for surfaces in front of the eyes, and NaN for the sky.
+        is positive for surfaces in front of the eyes, nearer than `convergence`, and NaN for the sky.
         """
         positions, depths, cameras = self.aov("position"), self.aov("depth"), self.cameras
-        eyes = []
-        for position, depth in zip(positions, depths):
-            left, right = (camera.project(position)[..., 0] for camera in cameras)
-            eyes.append(np.where(depth > 0, left - right, np.nan).astype(np.float32))
-        return Stereo(*eyes)
+        if len(cameras) < 2:
+            raise ValueError("a single view has no disparity")
+        views = []
+        for number, (position, depth) in enumerate(zip(positions, depths)):
+            first = min(number, len(cameras) - 2)
+            left, right = (camera.project(position)[..., 0] for camera in cameras[first : first + 2])
+            views.append(np.where(depth > 0, left - right, np.nan).astype(np.float32))
+        return PerView(views)
 
-    def display(self) -> Stereo:
-        """Picture of each eye, tonemapped: uint8 of the shape (height, width, 3)."""
-        return Stereo(*self._native.display())
+    def display(self) -> PerView:
+        """Picture of each view, tonemapped: uint8 of the shape (height, width, 3)."""
+        return PerView(self._native.display())
 
     def _repr_png_(self) -> bytes:
         return self._native.png()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes both eyes side by side as a PNG file."""
+        """Writes a PNG file: both eyes side by side, or more views in rows of four."""
         with open(path, "wb") as file:
             file.write(self._native.png())
 
@@ -176,20 +206,20 @@ class Frame:
         Files have the names of `diptych render` after the prefix: `left.exr` and `left.depth.exr`, for example. `aovs`
         limits the auxiliary images; `disparity` may be among them.
         """
-        images: dict[str | None, Stereo] = {None: Stereo(self.left, self.right)}
+        images: dict[str | None, PerView] = {None: self.views}
         for aov in self.aovs if aovs is None else aovs:
             images[aov] = self.disparity() if aov == "disparity" else self.aov(aov)
-        for name, eyes in images.items():
-            for number, eye in enumerate(("left", "right")):
-                file = f"{prefix}{eye}.exr" if name is None else f"{prefix}{eye}.{name}.exr"
-                self._native.write_exr(os.path.join(folder, file), number, eyes[number], name)
+        for name, views in images.items():
+            for number, view in enumerate(views.names):
+                file = f"{prefix}{view}.exr" if name is None else f"{prefix}{view}.{name}.exr"
+                self._native.write_exr(os.path.join(folder, file), number, views[number], name)
 
     def to_tev(self, address: str = "127.0.0.1:14158", name: str = "diptych") -> None:
-        """Shows both eyes and their auxiliary images in the viewer tev, which listens at HOST:PORT."""
+        """Shows all views and their auxiliary images in the viewer tev, which listens at HOST:PORT."""
         _sinks.to_tev(self, address, name)
 
     def to_rerun(self, path: str = "diptych") -> None:
-        """Logs both eyes' pictures and cameras, and `depth` if the frame has it, with the package `rerun-sdk`."""
+        """Logs the views' pictures and cameras, and `depth` if the frame has it, with the package `rerun-sdk`."""
         _sinks.to_rerun(self, path)
 
     def __repr__(self) -> str:

@@ -18,7 +18,7 @@ from ._renderer import Devices, Renderer, Scene
 class Errors:
     """Errors of an image, as `diptych compare` defines them; None where an error is undefined.
 
-    Those of two eyes are means.
+    Those of a frame are means over its views.
     """
 
     rmse: float
@@ -33,21 +33,21 @@ class Errors:
 
 
 def compare(image: Frame | Image, reference: Frame | Image, *, exposure_ev: float | None = None) -> Errors:
-    """Compares a frame or an eye's image with a reference.
+    """Compares a frame or a view's image with a reference.
 
     By default, frames are compared at their exposure, and arrays at 0 stops.
     """
     if exposure_ev is None:
         exposure_ev = reference.exposure_ev if isinstance(reference, Frame) else 0.0
-    pairs = zip(_eyes(reference), _eyes(image), strict=True)
-    eyes = [dict(_native.errors(*pair, exposure_ev=exposure_ev)) for pair in pairs]
+    pairs = zip(_views(reference), _views(image), strict=True)
+    views = [dict(_native.errors(*pair, exposure_ev=exposure_ev)) for pair in pairs]
 
     def mean(name: str) -> Any:
-        values = [eye[name] for eye in eyes]
+        values = [view[name] for view in views]
         known = [value for value in values if value is not None]
         return sum(known) / len(known) if len(known) == len(values) else None
 
-    return Errors(**{name: mean(name) for name in eyes[0]})
+    return Errors(**{name: mean(name) for name in views[0]})
 
 
 def flip(image: Image, reference: Image, *, exposure_ev: float = 0.0) -> Image:
@@ -119,7 +119,7 @@ def _frame_ms(frame: Frame) -> float:
     return report["makespan_ms"] + (report["aov_ms"] + report["denoiser_ms"] if "denoiser_ms" in report else 0.0)
 
 
-def _eyes(image: Frame | Image) -> list[Image]:
+def _views(image: Frame | Image) -> list[Image]:
     if isinstance(image, Frame):
-        return [image.left, image.right]
+        return list(image.views)
     return [np.ascontiguousarray(image, dtype=np.float32)]

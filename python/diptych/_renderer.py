@@ -133,8 +133,8 @@ class Renderer:
     predicted costs in milliseconds, an array of the shape (devices, rows), and the number of rows; it returns the
     number of rows of each device.
 
-    `denoiser` may be a function of an eye's arrays: colour, albedo, normal, position, motion and `Camera`. It returns
-    the denoised colour. Its time for both eyes is `denoiser_ms` in the report of a frame.
+    `denoiser` may be a function of a view's arrays: colour, albedo, normal, position, motion and `Camera`. It returns
+    the denoised colour. Its time for all views is `denoiser_ms` in the report of a frame.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class Renderer:
         pace: bool = False,
         controller: Controller | None = None,
     ) -> Player:
-        """Renders a sequence. The control loop sets the quality of each frame to keep frame times inside the budget.
+        """Renders a sequence of two views. The control loop sets quality to keep frame times inside the budget.
 
         The camera follows its path, or the head motion in the file `motion`. The clock advances by 1 / `fps` with each
         frame and stands still in between; with `pace` it follows the time of day, and frames count the display periods
@@ -203,7 +203,7 @@ class Renderer:
         return Player(native, self._denoiser)
 
     def view(self, time: float = 0.0) -> Any:
-        """Returns an interactive view of both eyes, a widget for notebooks. It needs the package `jupyter_rfb`.
+        """Returns an interactive view of all cameras, a widget for notebooks. It needs the package `jupyter_rfb`.
 
         Drag to turn, scroll or press W, A, S, D, Q, E to move. `pose` of the widget is the place seen from, for `render`.
         """
@@ -230,7 +230,7 @@ def reference(
     progress: Callable[[int, int], Any] | None = None,
     **options: Any,
 ) -> Frame:
-    """Renders an unbiased reference: both eyes are traced, and nothing is filtered.
+    """Renders an unbiased reference: all views are traced, and nothing is filtered.
 
     `progress` is called after each pass with the number of samples per pixel so far and their total.
     """

@@ -14,19 +14,19 @@ if TYPE_CHECKING:
 
 
 def to_tev(frame: Frame, address: str, name: str) -> None:
-    for number, eye in enumerate(("left", "right")):
-        names, images = ["R", "G", "B"], [(frame.left, frame.right)[number]]
+    for number, view in enumerate(frame.views.names):
+        names, images = ["R", "G", "B"], [frame.views[number]]
         for aov in frame.aovs:
             names += [f"{aov}.{channel}" for channel in frame._native.channels(aov)]
             images.append(frame._native.aov(aov)[number])
-        _native.show_in_tev(address, f"{name} {eye}", np.concatenate(images, axis=2), names)
+        _native.show_in_tev(address, f"{name} {view}", np.concatenate(images, axis=2), names)
 
 
 def to_rerun(frame: Frame, path: str) -> None:
     import rerun as rr
 
     pictures = frame.display()
-    for number, eye in enumerate(("left", "right")):
+    for number, view in enumerate(frame.views.names):
         camera = frame.cameras[number]
         # Columns are the camera's axes in the world: x to the right, y down, z along the view.
         turn = camera.world_to_camera[:3, :3] * np.array([1.0, -1.0, 1.0])
@@ -37,10 +37,10 @@ def to_rerun(frame: Frame, path: str) -> None:
             height=camera.height,
             camera_xyz=rr.ViewCoordinates.RDF,
         )
-        rr.log(f"{path}/{eye}", place, pinhole)
-        rr.log(f"{path}/{eye}/picture", rr.Image(pictures[number]))
+        rr.log(f"{path}/{view}", place, pinhole)
+        rr.log(f"{path}/{view}/picture", rr.Image(pictures[number]))
         if "depth" in frame.aovs:
-            rr.log(f"{path}/{eye}/depth", rr.DepthImage(frame.aov("depth")[number], meter=1.0))
+            rr.log(f"{path}/{view}/depth", rr.DepthImage(frame.aov("depth")[number], meter=1.0))
 
 
 def view(renderer: Renderer, time: float) -> Any:
@@ -48,7 +48,7 @@ def view(renderer: Renderer, time: float) -> Any:
     from jupyter_rfb import RemoteFrameBuffer
 
     class _View(RemoteFrameBuffer):  # type: ignore[misc, unused-ignore]
-        """Both eyes, seen from a place that the pointer and keys change."""
+        """All views, seen from a place that the pointer and keys change."""
 
         # Frames after a movement, in which the denoiser gathers history.
         SETTLING = 16
@@ -61,15 +61,15 @@ def view(renderer: Renderer, time: float) -> Any:
             super().__init__()
             cameras = renderer.render(time).cameras
             eyes = [camera.position for camera in cameras]
-            forward = cameras.left.world_to_camera[:3, 2]
-            self._position = (eyes[0] + eyes[1]) / 2
+            forward = cameras[0].world_to_camera[:3, 2]
+            self._position = (eyes[0] + eyes[-1]) / 2
             self._yaw, self._pitch = np.arctan2(forward[0], -forward[2]), np.clip(np.arcsin(np.clip(forward[1], -1, 1)), -1.5, 1.5)
-            baseline = float(np.linalg.norm(eyes[1] - eyes[0]))
+            baseline = float(np.linalg.norm(eyes[-1] - eyes[0]))
             self._unit = baseline / 0.064 if baseline > 0 else 1.0
             self._left = self.SETTLING
             self._pointer: tuple[float, float] | None = None
-            width, height = cameras.left.width, cameras.left.height
-            self.css_width, self.css_height, self.resizable = f"{2 * width}px", f"{height}px", False
+            width, height = len(cameras) * cameras[0].width, cameras[0].height
+            self.css_width, self.css_height, self.resizable = f"{width}px", f"{height}px", False
 
         @property
         def pose(self) -> dict[str, Any]:

@@ -234,6 +234,43 @@ def test_a_data_set_of_exr_files_has_the_same_values(scene, tmp_path):
         dp.dataset(scene, poses, tmp_path, format="png")
 
 
+@pytest.mark.parametrize("views", [1, 3])
+def test_frames_have_any_number_of_views(tmp_path, views):
+    scene = dp.load("builtin:cornell", views=views, baseline=0.05)
+    frame = dp.Renderer(scene, size=SIZE, aov=["position", "depth"], denoiser="none").render()
+    names = [f"view{number:02}" for number in range(views)]
+    assert frame.views.names == names and [camera.eye for camera in frame.cameras] == names
+    assert len({image.tobytes() for image in frame.views}) == len(frame.aov("depth")) == len(frame.display()) == views
+    for of_eyes in (lambda: frame.left, lambda: frame.cameras.right, lambda: frame.aov("depth").left):
+        with pytest.raises(AttributeError, match=f"only two views are left and right: index these {views}"):
+            of_eyes()
+    frame.save_exr(tmp_path)
+    assert len(list(tmp_path.iterdir())) == 3 * views
+    assert dp.read_exr(tmp_path / f"{names[-1]}.exr").tobytes() == frame.views[-1].tobytes()
+    assert frame._repr_png_().startswith(b"\x89PNG")
+    reference = dp.reference(scene, 16, size=SIZE)
+    assert len(reference.views) == views and 0 < dp.compare(frame, reference).flip < 0.5
+    with pytest.raises(ValueError, match=f"the shot has {views}"):
+        dp.Renderer(scene, size=SIZE).play(frames=1)
+
+
+def test_a_data_set_has_the_disparity_of_neighbouring_views(tmp_path):
+    scene = dp.load("builtin:cornell", views=4, baseline=0.05)
+    assert dp.dataset(scene, [0.0], tmp_path, aovs=["depth", "position"], size=SIZE, spp=1) == 1
+    with np.load(tmp_path / "000000.npz") as arrays:
+        assert len(arrays.files) == 4 * 4 + 2
+        for number, matrices in enumerate(zip(arrays["world_to_camera"], arrays["world_to_ndc"])):
+            view, camera = f"view{number:02}", dp.Camera(*matrices, *SIZE)
+            assert arrays[view].shape == (36, 64, 3)
+            position = arrays[f"position_{view}"].astype(np.float64)
+            along = (np.concatenate([position, np.ones((36, 64, 1))], axis=2) @ camera.world_to_camera)[..., 2]
+            hit, disparity = arrays[f"depth_{view}"] > 0, arrays[f"disparity_{view}"]
+            assert np.abs(disparity - camera.intrinsics[0, 0] * 0.05 / along)[hit].max() < 1e-3
+            assert hit.mean() > 0.3 and np.isnan(disparity[~hit]).all()
+    with pytest.raises(ValueError, match="single view"):
+        dp.Renderer(dp.load("builtin:cornell", views=1), size=SIZE, aov=["position", "depth"]).render().disparity()
+
+
 @pytest.mark.parametrize(
     ("call", "error", "text"),
     [

@@ -87,6 +87,15 @@ impl<T: Clone> PerView<T> {
     }
 }
 
+impl<T> IntoIterator for PerView<T> {
+    type Item = T;
+    type IntoIter = std::vec::IntoIter<T>;
+
+    fn into_iter(self) -> Self::IntoIter {
+        self.0.into_iter()
+    }
+}
+
 /// Collects the values of the views, of which there is at least one, from left to right.
 impl<T> FromIterator<T> for PerView<T> {
     fn from_iter<I: IntoIterator<Item = T>>(values: I) -> Self {

@@ -8,7 +8,6 @@ use pyo3::prelude::*;
 
 use super::failure::exception;
 use crate::tev::Viewer;
-use diptych::exec::PerView;
 use diptych::image::exr::Tags;
 use diptych::image::{Extent, Image, ImageError, RgbImage, exr};
 
@@ -29,15 +28,6 @@ pub fn array<T: numpy::Element>(
 /// Makes an array of an image, whose memory it takes over.
 pub fn of_image<T: numpy::Element, const N: usize>(py: Python<'_>, image: Image<[T; N]>) -> PyResult<Pixels<T>> {
     array(py, image.extent, N, image.pixels.into_flattened())
-}
-
-/// Makes arrays of both eyes' images.
-pub fn of_stereo<T: numpy::Element + Clone, const N: usize>(
-    py: Python<'_>,
-    images: PerView<Image<[T; N]>>,
-) -> PyResult<[Pixels<T>; 2]> {
-    let [left, right] = images.into_outer();
-    Ok([of_image(py, left)?, of_image(py, right)?])
 }
 
 /// Copies an array of the shape (height, width, 3) to an image.

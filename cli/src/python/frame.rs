@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use numpy::{PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyKeyError, PyValueError};
+use pyo3::exceptions::{PyIndexError, PyKeyError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
@@ -17,7 +17,7 @@ use diptych::exec::{ExecError, FrameReport, PerView, Renderer};
 use diptych::image::display::{DisplayImage, encode_png, tonemap};
 use diptych::image::exr::Tags;
 use diptych::image::tone::ToneCurve;
-use diptych::image::{Extent, RgbImage, stereo};
+use diptych::image::{Extent, RgbImage, sheet};
 use diptych::passes::Aov;
 use diptych::scene::rig::Rig;
 use diptych::scene::shot::Shot;
@@ -25,12 +25,9 @@ use diptych::scene::shot::Shot;
 /// A rendered frame. Its arrays keep their values when further frames are rendered.
 #[pyclass(frozen, module = "diptych")]
 pub struct Frame {
-    /// Left eye, scene-referred linear RGB, float32 of the shape (height, width, 3).
+    /// Views from left to right, scene-referred linear RGB, float32 of the shape (height, width, 3).
     #[pyo3(get)]
-    left: Pixels<f32>,
-    /// Right eye.
-    #[pyo3(get)]
-    right: Pixels<f32>,
+    views: Vec<Pixels<f32>>,
     /// Exposure of pictures, in stops.
     #[pyo3(get)]
     exposure_ev: f32,
@@ -38,7 +35,7 @@ pub struct Frame {
     #[pyo3(get)]
     library_ms: f64,
     tone: ToneCurve,
-    aovs: Vec<(Aov, [Pixels<f32>; 2])>,
+    aovs: Vec<(Aov, Vec<Pixels<f32>>)>,
     tags: PerView<Tags>,
     /// Entry of `run.json` in JSON.
     report: String,
@@ -65,7 +62,7 @@ type Values = Vec<f32>;
 pub struct Images {
     pub linear: PerView<RgbImage>,
     pub aovs: Vec<(Aov, PerView<Values>)>,
-    /// Metadata of both eyes' files.
+    /// Metadata of the views' files.
     pub tags: PerView<Tags>,
 }
 
@@ -85,23 +82,22 @@ impl Frame {
         let library_ms = begin.elapsed().as_secs_f64() * 1e3;
         let extent = images.linear.left().extent;
         let array = |aov: Aov, values: Values| arrays::array(py, extent, aov.channels().len(), values);
-        let eyes = |(aov, values): (Aov, PerView<Values>)| {
-            let [left, right] = values.into_outer();
-            Ok((aov, [array(aov, left)?, array(aov, right)?]))
+        let of_views = |(aov, values): (Aov, PerView<Values>)| {
+            Ok((aov, values.into_iter().map(|values| array(aov, values)).collect::<PyResult<_>>()?))
         };
-        let aovs: PyResult<_> = images.aovs.into_iter().map(eyes).collect();
-        let [left, right] = arrays::of_stereo(py, images.linear)?;
+        let aovs: PyResult<_> = images.aovs.into_iter().map(of_views).collect();
+        let views: PyResult<_> = images.linear.into_iter().map(|image| arrays::of_image(py, image)).collect();
         let Look { exposure_ev, tone } = look;
-        Ok(Self { left, right, exposure_ev, library_ms, tone, aovs: aovs?, tags: images.tags, report })
+        Ok(Self { views: views?, exposure_ev, library_ms, tone, aovs: aovs?, tags: images.tags, report })
     }
 
-    /// Returns both eyes' pictures with 8 bits per channel.
-    fn pictures(&self, py: Python<'_>) -> PyResult<[DisplayImage; 2]> {
-        let picture = |eye: &Pixels<f32>| -> PyResult<DisplayImage> {
-            let image = arrays::image(&eye.bind(py).to_dyn().try_readonly()?)?;
+    /// Returns the views' pictures with 8 bits per channel.
+    fn pictures(&self, py: Python<'_>) -> PyResult<Vec<DisplayImage>> {
+        let picture = |view: &Pixels<f32>| -> PyResult<DisplayImage> {
+            let image = arrays::image(&view.bind(py).to_dyn().try_readonly()?)?;
             Ok(py.detach(|| tonemap(&image, self.exposure_ev, self.tone)))
         };
-        Ok([picture(&self.left)?, picture(&self.right)?])
+        self.views.iter().map(picture).collect()
     }
 }
 
@@ -135,38 +131,36 @@ impl Frame {
         Ok(self.find(name)?.0.channels().to_vec())
     }
 
-    /// Auxiliary image of the left and the right eye, float32 of the shape (height, width, channels).
-    fn aov(&self, py: Python<'_>, name: &str) -> PyResult<[Pixels<f32>; 2]> {
-        let (_, eyes) = self.find(name)?;
-        Ok(eyes.each_ref().map(|eye| eye.clone_ref(py)))
+    /// Auxiliary image of each view, float32 of the shape (height, width, channels).
+    fn aov(&self, py: Python<'_>, name: &str) -> PyResult<Vec<Pixels<f32>>> {
+        let (_, views) = self.find(name)?;
+        Ok(views.iter().map(|view| view.clone_ref(py)).collect())
     }
 
-    /// Pictures of the left and the right eye, tonemapped, uint8 of the shape (height, width, 3).
-    fn display(&self, py: Python<'_>) -> PyResult<[Pixels<u8>; 2]> {
-        let [left, right] = self.pictures(py)?;
-        arrays::of_stereo(py, PerView::both(left, right))
+    /// Picture of each view, tonemapped, uint8 of the shape (height, width, 3).
+    fn display(&self, py: Python<'_>) -> PyResult<Vec<Pixels<u8>>> {
+        self.pictures(py)?.into_iter().map(|picture| arrays::of_image(py, picture)).collect()
     }
 
-    /// Both eyes side by side, as a PNG file.
+    /// All views in one picture, as a PNG file.
     fn png<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let [left, right] = self.pictures(py)?;
+        let pictures = self.pictures(py)?;
         let png = py.detach(|| -> Result<Vec<u8>, Failure> {
-            let both = stereo::side_by_side(&left, &right)?;
             let mut bytes = Vec::new();
-            encode_png(&both, &mut bytes).map_err(anyhow::Error::from)?;
+            encode_png(&sheet::of_views(&pictures)?, &mut bytes).map_err(anyhow::Error::from)?;
             Ok(bytes)
         });
         Ok(PyBytes::new(py, &png.map_err(exception)?))
     }
 
-    /// Writes an image of the left (0) or the right (1) eye as EXR, with the metadata of the frame. `name` is that of an
-    /// auxiliary image or `disparity`; without it, the image is light.
-    #[pyo3(signature = (path, eye, image, name=None))]
+    /// Writes an image of a view, whose index is from 0 at the left, as EXR, with the metadata of the frame. `name` is that
+    /// of an auxiliary image or `disparity`; without it, the image is light.
+    #[pyo3(signature = (path, view, image, name=None))]
     fn write_exr(
         &self,
         py: Python<'_>,
         path: PathBuf,
-        eye: usize,
+        view: usize,
         image: PyReadonlyArrayDyn<'_, f32>,
         name: Option<&str>,
     ) -> PyResult<()> {
@@ -175,7 +169,8 @@ impl Frame {
             Some("disparity") => &["Y"],
             Some(name) => self.find(name)?.0.channels(),
         };
-        let tags = if eye == 0 { self.tags.left() } else { self.tags.right() };
+        let no_view = || PyIndexError::new_err(format!("the frame has no view {view}"));
+        let tags = self.tags.values().get(view).ok_or_else(no_view)?;
         let tags = match name {
             None => Tags { pixel_centre: None, ..tags.clone() },
             Some(_) => Tags { exposure_ev: None, ..tags.clone() },
@@ -185,25 +180,21 @@ impl Frame {
     }
 
     /// Returns the frame with other light of the same size.
-    fn with_light(
-        &self,
-        py: Python<'_>,
-        left: PyReadonlyArrayDyn<'_, f32>,
-        right: PyReadonlyArrayDyn<'_, f32>,
-    ) -> PyResult<Self> {
-        let (left, right) = (arrays::image(&left)?, arrays::image(&right)?);
+    fn with_light(&self, py: Python<'_>, views: Vec<PyReadonlyArrayDyn<'_, f32>>) -> PyResult<Self> {
         let extent = self.extent(py);
-        if [left.extent, right.extent] != [extent; 2] {
-            let what = format!("the eyes' images are {} and {}, not {extent}", left.extent, right.extent);
+        let images: Vec<RgbImage> = views.iter().map(arrays::image).collect::<PyResult<_>>()?;
+        if images.len() != self.views.len() || images.iter().any(|image| image.extent != extent) {
+            let what = format!("there must be {} images of {extent}, one for each view", self.views.len());
             return Err(PyValueError::new_err(what));
         }
-        let [left, right] = arrays::of_stereo(py, PerView::both(left, right))?;
-        let aovs = self.aovs.iter().map(|(aov, eyes)| (*aov, eyes.each_ref().map(|eye| eye.clone_ref(py)))).collect();
+        let views: PyResult<_> = images.into_iter().map(|image| arrays::of_image(py, image)).collect();
+        let shared = |views: &Vec<Pixels<f32>>| views.iter().map(|view| view.clone_ref(py)).collect();
+        let aovs = self.aovs.iter().map(|(aov, views)| (*aov, shared(views))).collect();
         let (tags, report) = (self.tags.clone(), self.report.clone());
-        Ok(Self { left, right, aovs, tags, report, ..*self })
+        Ok(Self { views: views?, aovs, tags, report, ..*self })
     }
 
-    /// Width and height of each eye's image in pixels.
+    /// Width and height of each view's image in pixels.
     #[getter]
     fn size(&self, py: Python<'_>) -> (usize, usize) {
         let Extent { width, height } = self.extent(py);
@@ -212,7 +203,7 @@ impl Frame {
 }
 
 impl Frame {
-    fn find(&self, name: &str) -> PyResult<&(Aov, [Pixels<f32>; 2])> {
+    fn find(&self, name: &str) -> PyResult<&(Aov, Vec<Pixels<f32>>)> {
         self.aovs.iter().find(|(aov, _)| aov.name() == name).ok_or_else(|| {
             let rendered = self.aovs().join(", ");
             let rendered = if rendered.is_empty() { "none" } else { &rendered };
@@ -222,7 +213,7 @@ impl Frame {
     }
 
     fn extent(&self, py: Python<'_>) -> Extent {
-        let shape = self.left.bind(py).shape();
+        let shape = self.views[0].bind(py).shape();
         Extent::new(shape[1] as u32, shape[0] as u32)
     }
 }

@@ -18,8 +18,8 @@ pub struct Options {
 }
 
 /// Settings that Python gives in another way, as arguments of methods.
-const LEFT_OUT: [&str; 9] =
-    ["fps", "frames_in_flight", "motion", "noise", "pass_spp", "passes_out", "time", "time_limit", "views"];
+const LEFT_OUT: [&str; 8] =
+    ["fps", "frames_in_flight", "motion", "noise", "pass_spp", "passes_out", "time", "time_limit"];
 
 /// Keyword of the number of virtual devices on each adapter, which is no setting.
 const VIRTUAL: &str = "virtual";

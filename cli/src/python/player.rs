@@ -17,6 +17,7 @@ use crate::play::Pace;
 use crate::report::play::ControlRow;
 use crate::report::run::FrameRow;
 use crate::scene_loading::budget;
+use crate::setup;
 use diptych::control::{Budget, Ladder, candidates};
 use diptych::exec::ranks::Devices;
 use diptych::quality::{Envelope, FrameQuality};
@@ -148,6 +149,7 @@ impl Player {
         }
         controller.as_ref().map_or(Ok(()), control::check)?;
         let of = renderer.get();
+        setup::check_eyes(&of.rig).map_err(exception)?;
         let rig = motion.map_or_else(|| Ok(of.rig.clone()), |path| followed(of, &path)).map_err(exception)?;
         let devices = py.detach(|| of.take()).map_err(exception)?;
         let mut session = match py.detach(|| begin(of, devices, budget, &rig)) {

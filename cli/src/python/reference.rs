@@ -18,7 +18,7 @@ use crate::{output, setup};
 use diptych::accumulation::{Accumulation, Job, accumulate};
 use diptych::samples::Samples;
 
-/// Renders a reference: both eyes are traced, nothing is filtered. `progress` is called after each pass with the number
+/// Renders a reference: all views are traced, nothing is filtered. `progress` is called after each pass with the number
 /// of samples per pixel so far and their total.
 #[pyfunction]
 #[pyo3(signature = (scene, spp=256, *, time=0.0, index=0, time_limit=None, progress=None, **options))]
@@ -64,7 +64,7 @@ pub fn reference(
             progress: &|_, _| {},
             stop: &stop,
         };
-        let begun = Accumulation::new(options.render.settings.size, 2);
+        let begun = Accumulation::new(options.render.settings.size, rig.views);
         let done = accumulate(&mut renderer, &job, begun, |pass| {
             // A pass follows the one in which `stop` is set.
             if raised.is_err() {

@@ -39,14 +39,13 @@ pub fn load(py: Python<'_>, shot: &Bound<'_, PyAny>, options: Option<&Bound<'_, 
     let shot = if text.is_some() { DICT.to_owned() } else { shot.str()?.to_string() };
     let options = Options::new(&shot, text.as_deref(), &given)?;
     let load = || match &text {
-        None => setup::load(&options.render),
+        None => setup::load_rig(&options.render),
         Some(text) => {
             let what = Load { shot: shot.clone(), time_s: options.render.settings.time, files: None };
             setup::load_here(&options.render, &what, Source::Shot(text))
         }
     };
     let loaded = py.detach(load).map_err(exception)?;
-    setup::check_eyes(&loaded.shot.rig).map_err(exception)?;
     Ok(Scene { loaded: RwLock::new(loaded), shot, text, given })
 }
 
