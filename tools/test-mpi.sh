@@ -60,6 +60,7 @@ case_of layers builtin:checker --frames 3 --foveation layers
 case_of visual-polar builtin:checker --frames 3 --foveation visual-polar
 case_of log-polar builtin:checker --frames 3 --foveation log-polar
 case_of moving builtin:studio --frames 3 --fps 10 --set frames_in_flight=2
+case_of views builtin:checker --frames 3 --views 3 --baseline 0.02
 
 # Each run below must print one line that names the error, and leave no process behind.
 refused() {
