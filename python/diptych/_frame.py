@@ -19,6 +19,8 @@ Image = NDArray[np.float32]
 class PerView(tuple[Any, ...]):
     """A value for each view, from left to right. Two views are the eyes."""
 
+    __slots__ = ()
+
     @property
     def left(self) -> Any:
         """Value of the left one of two eyes."""
