@@ -60,8 +60,7 @@ pub fn of_shot(
     let pixel_centre = renderer.render(&frame)?.pixel_centre;
     let mut images: [Vec<RgbImage>; 2] = Default::default();
     for i in 0..aovs.len() {
-        let [left, right] = renderer.read_aov(i)?.into_outer();
-        for (images, channels) in images.iter_mut().zip([left, right]) {
+        for (images, channels) in images.iter_mut().zip(renderer.read_aov(i)?) {
             let last = channels.len() - 1;
             let pixel = |p: usize| [0, 1, 2].map(|c: usize| channels[c.min(last)][p]);
             images

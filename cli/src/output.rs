@@ -254,11 +254,10 @@ impl FrameImages {
             }
         }
         for (aov, images) in self.aovs.iter().filter(|(aov, _)| aov.counts()) {
-            let [left, right] = images.outer();
-            let (colour, key) = colours(*aov, &[&left[0], &right[0]]);
-            let map = |numbers: &[f32]| Image { extent, pixels: numbers.iter().map(|n| colour(*n)).collect() };
-            let both = stereo::side_by_side(&map(&left[0]), &map(&right[0]))?;
-            write_png(&name(aov.name(), "png"), &with_key(&both, &key))?;
+            let (colour, key) = colours(*aov, images);
+            let map = |planes: &Vec<Vec<f32>>| planes[0].iter().map(|number| colour(*number)).collect();
+            let maps: Vec<_> = images.iter().map(|planes| Image { extent, pixels: map(planes) }).collect();
+            write_png(&name(aov.name(), "png"), &with_key(&sheet::of_views(&maps)?, &key))?;
         }
         for (eye, picture) in self.display.with_eyes() {
             write_png(&name(&eye.file_stem(), "png"), picture)?;
@@ -321,8 +320,8 @@ const HOLE_KEY: [([u8; 3], &str); 8] = [
 const HISTORY_KEY: [u32; 10] = [0, 1, 2, 4, 8, 16, 32, 64, 128, 255];
 
 /// Returns the colour map for an auxiliary image of small integers, and its key.
-fn colours(aov: Aov, images: &[&[f32]; 2]) -> (impl Fn(f32) -> [u8; 3] + use<>, Vec<Entry>) {
-    let numbers: BTreeSet<u32> = images.iter().flat_map(|image| image.iter().map(|n| *n as u32)).collect();
+fn colours(aov: Aov, images: &PerView<Vec<Vec<f32>>>) -> (impl Fn(f32) -> [u8; 3] + use<>, Vec<Entry>) {
+    let numbers: BTreeSet<u32> = images.iter().flat_map(|planes| planes[0].iter().map(|n| *n as u32)).collect();
     let most = numbers.last().map_or(0.0, |n| *n as f32);
     let colour = move |number: f32| match (aov, HOLE_KEY.get(number as usize)) {
         (Aov::Holes, Some((colour, _))) => *colour,

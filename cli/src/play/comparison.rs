@@ -135,7 +135,7 @@ fn render_references(
 fn mean_flip(frames: &[Kept], references: &[PerView<RgbImage>], exposure_ev: f32) -> Result<f64, Failure> {
     let mut sum = 0.0;
     for (Kept { linear, .. }, reference) in frames.iter().zip(references) {
-        for (reference, image) in [(reference.left(), linear.left()), (reference.right(), linear.right())] {
+        for (reference, image) in reference.iter().zip(linear.iter()) {
             sum += Pair::new(reference, image, exposure_ev)?.errors().flip;
         }
     }

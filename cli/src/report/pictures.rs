@@ -26,11 +26,11 @@ pub struct Picture {
 impl Group {
     /// Tonemaps both eyes' linear images, `exposure_ev` stops brighter, with the tone curve of the metrics.
     pub fn of_frame(name: String, linear: &PerView<RgbImage>, exposure_ev: f32) -> Self {
-        let eye = |eye: &str, image| Picture {
-            name: eye.to_owned(),
+        let eye = |(eye, image)| Picture {
+            name: format!("{eye} eye"),
             image: tonemap(image, exposure_ev, ToneCurve::Reinhard),
         };
-        Self { name, pictures: vec![eye("left eye", linear.left()), eye("right eye", linear.right())] }
+        Self { name, pictures: linear.with_eyes().map(eye).collect() }
     }
 
     /// Returns the pictures of [`Self::of_frame`] and, for each eye, a FLIP heat map against `reference`, with the mean
@@ -45,9 +45,7 @@ impl Group {
         exposure_ev: f32,
     ) -> Result<Self, ReportError> {
         let mut group = Self::of_frame(name, linear, exposure_ev);
-        for (eye, right, image) in
-            [("left", reference.left(), linear.left()), ("right", reference.right(), linear.right())]
-        {
+        for ((eye, image), right) in linear.with_eyes().zip(reference.iter()) {
             let pair = Pair::new(right, image, exposure_ev)?;
             let name = format!("FLIP, {eye} eye (mean {:.4})", pair.errors().flip);
             group.pictures.push(Picture { name, image: flip_heatmap(&pair) });

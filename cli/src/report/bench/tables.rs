@@ -9,7 +9,6 @@ use crate::report::{Table, cell};
 use diptych::accumulation::Noise;
 use diptych::exec::PerView;
 use diptych::quality::{Denoiser, FrameQuality, Quality};
-use diptych::scene::rig::Eye;
 
 /// Describes the exposure at which the rows' errors were measured.
 pub fn exposure_note(exposure_ev: f64) -> String {
@@ -47,7 +46,7 @@ pub fn csv(shared: &Shared, rows: &[SettingRow]) -> Csv {
     let mut lines = Vec::new();
     for SettingRow { quality, measured, on_front, undecided } in rows {
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
-        for (eye, errors) in [(Eye::LEFT, errors.left()), (Eye::RIGHT, errors.right())] {
+        for (eye, errors) in errors.with_eyes() {
             let each = measured.repeats.iter().filter_map(|both| both.of(eye).get(ERROR));
             let ends = |interval: Option<[f64; 2]>| interval.map_or([None; 2], |ends| ends.map(Some));
             let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
@@ -104,14 +103,11 @@ pub fn table(rows: &[SettingRow], noise: Option<&PerView<Noise>>) -> Table {
     headers.push("note");
     let mut lines = Vec::new();
     for SettingRow { quality, measured, on_front, undecided } in rows {
-        let of = |n: fn(&PerView<Noise>) -> f64| noise.map_or(0.0, n);
-        let [left, right] = measured.errors.outer();
-        for (eye, errors, noise) in
-            [("left", left, of(|n| n.left().relmse)), ("right", right, of(|n| n.right().relmse))]
-        {
+        for (eye, errors) in measured.errors.with_eyes() {
+            let noise = noise.map_or(0.0, |noise| noise.of(eye).relmse);
             let mut line = cells_of(quality).to_vec();
             let within = measured.time_interval().map_or("-".to_owned(), |[low, high]| format!("{low:.1}..{high:.1}"));
-            line.extend([format!("{:.1}", measured.time_ms), within, eye.to_owned()]);
+            line.extend([format!("{:.1}", measured.time_ms), within, eye.to_string()]);
             line.extend(metrics.iter().map(|m| cell(errors.get(m), 4)));
             let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
             let front = match (on_front, undecided) {
