@@ -3,16 +3,7 @@
 // sampling mask leaves pixels to the filter, left pixels that were not sampled are invalid taps, and only right pixels in
 // the right eye's own mask become holes. With foveation, taps may differ more from the surface in the outer layers.
 
-//!include frame grid projection split pack foveation reprojection bindings
-
-// Returns the reason that a tap is not valid; 0 if it is valid.
-fn why_not(tap: Tap, wanted: Wanted) -> u32 {
-    let why = surface_differs(tap, wanted);
-    if SPARSE && why == 0u && left_radiance[tap.at].w == 0u {
-        return SKIPPED;
-    }
-    return why;
-}
+//!include frame grid projection split pack foveation gather bindings
 
 // Lists a hole if the right eye's sampling mask contains it (`wanted`), and otherwise leaves it to the filter.
 fn open_hole(at: u32, why: u32, wanted: bool) {
@@ -68,34 +59,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         open_hole(at, OUTSIDE, is_wanted);
         return;
     }
-    var sum = 0.0;
-    var matte = MeanLight();
-    var gloss = MeanLight();
-    var variance = vec2<f32>(0.0);
-    var told = TELLS_VARIANCE;
-    var why = OUTSIDE;
-    var missed = -1.0;
-    var was_skipped = false;
-    for (var i = 0; i < taps(); i += 1) {
-        let tap = tap_around(seen.xy, pixel.y, i);
-        let why_tap = why_not(tap, wanted);
-        was_skipped = was_skipped || why_tap == SKIPPED;
-        if why_tap != 0u {
-            // The reason is that of the invalid tap with the largest weight.
-            why = select(why, why_tap, tap.weight > missed);
-            missed = max(missed, tap.weight);
-        } else if tap.weight > 0.0 {
-            let bits = left_radiance[tap.at];
-            let light = unpack_sampled(bits);
-            matte = with_light(matte, light.matte, tap.weight);
-            gloss = with_light(gloss, light.gloss, tap.weight);
-            variance += light.a * tap.weight;
-            sum += tap.weight;
-            told &= bits.w;
-        }
-    }
-    if sum < 1e-4 {
-        if SPARSE && was_skipped {
+    let found = gathered(seen.xy, pixel.y, wanted);
+    var why = found.why;
+    if found.sum < LEAST_SUM {
+        if SPARSE && found.was_skipped {
             // The left eye's mask skips the surface. Unless the right eye's mask samples all pixels here, leave the
             // pixel to the filter: neighbouring pixels gather samples of the left eye, so the area around this pixel
             // has as many samples as intended.
@@ -105,9 +72,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         open_hole(at, why, is_wanted);
         return;
     }
-    if told != 0u {
-        radiance_image[at] = pack_sampled_with(mean_light(matte, 0.0), mean_light(gloss, 0.0), variance / sum);
-        return;
-    }
-    radiance_image[at] = pack_sampled(mean_light(matte, 0.0), mean_light(gloss, 0.0));
+    radiance_image[at] = pack_gathered(found);
 }

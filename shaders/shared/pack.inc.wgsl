@@ -46,6 +46,8 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
 // CLIPPED, marks light that was too bright for half floats.
 const CLIPPED: u32 = 0x80000000u;
 
+const REASON_BITS: u32 = 0x70000000u;
+
 fn hole_reason(tally: u32) -> u32 {
     return (tally & ~CLIPPED) >> 28u;
 }

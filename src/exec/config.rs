@@ -58,6 +58,7 @@ impl RunConfig {
             sources: buffers.sources,
             views: if buffers.reproject { Views::Reprojected } else { Views::Traced },
             filter_once: self.filter_once,
+            share_holes: self.share_holes,
             blind_iterations: self.blind_iterations,
             filter: most.denoiser(),
             sparse: self.envelope.leaves_pixels(),

@@ -83,6 +83,8 @@ pub struct RunConfig {
     /// True if a reprojected view takes over the light of its source after the denoiser's filter instead of before, so that both
     /// eyes see the same noise and blur. Has no effect if both eyes are traced, or with denoisers other than `svgf`.
     pub filter_once: bool,
+    /// True if views of a rig with more than two take over the light of their shared holes from one another.
+    pub share_holes: bool,
     /// Number of the first iterations of `atrous` that ignore differences in radiance.
     pub blind_iterations: u32,
     /// True if direct light with hard shadows bypasses the denoiser: it is traced at the first surfaces without noise,
@@ -137,6 +139,7 @@ impl RunConfig {
             follow_mirrors: true,
             bypass_narrow_lobes: true,
             filter_once: true,
+            share_holes: true,
             blind_iterations: 3,
             regularize: true,
             filter_textures: true,
@@ -197,6 +200,7 @@ impl RunConfig {
         self.follow_mirrors = settings.follow_mirrors;
         self.bypass_narrow_lobes = settings.bypass_narrow_lobes;
         self.filter_once = settings.filter_once;
+        self.share_holes = settings.share_holes;
         self.blind_iterations = settings.blind_iterations;
         self.regularize = settings.regularize;
         self.filter_textures = settings.filter_textures;

@@ -85,7 +85,8 @@ pub fn constants(
 
 /// Returns the constants of each view. The entries of `views` are a view of this and of the previous frame. In the
 /// constants of a view, the first camera is that of its source, and the second one its own; it has random numbers of its
-/// own. Two eyes share one set of constants; `views` is then empty.
+/// own. Another set for each view follows, in which the first camera is that of its partner. Two eyes share one set of
+/// constants; `views` is then empty.
 pub fn of_views(
     frame: &layout::Frame,
     previous: &layout::Previous,
@@ -95,9 +96,9 @@ pub fn of_views(
     if views.is_empty() {
         return vec![(*frame, *previous)];
     }
-    let of_view = |eye: Eye| {
+    let of_view = |(eye, other): (Eye, Eye)| {
         let (mut frame, mut previous) = (*frame, *previous);
-        let shown = [eye.source(), eye].map(|eye| views[eye.index()]);
+        let shown = [other, eye].map(|eye| views[eye.index()]);
         frame.camera.views = shown.map(|[now, _]| now);
         previous.views = shown.map(|[_, before]| before);
         let key = (eye.index() as u32).wrapping_sub(eye.main().index() as u32).wrapping_mul(GOLDEN_RATIO);
@@ -105,7 +106,9 @@ pub fn of_views(
         previous.sampling.seed = previous.sampling.seed.wrapping_add(key);
         (frame, previous)
     };
-    Eye::of_rig(views.len()).map(|eye| of_view(eye.among(sources))).collect()
+    let eyes = Eye::of_rig(views.len()).map(|eye| eye.among(sources));
+    let with_sources = eyes.clone().map(|eye| (eye, eye.source()));
+    with_sources.chain(eyes.map(|eye| (eye, eye.partner().unwrap_or(eye.source())))).map(of_view).collect()
 }
 
 /// Maps a point of an eye's displayed image to the shared projection. Points are fractions of their image's size.

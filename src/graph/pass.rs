@@ -161,6 +161,8 @@ pub struct Pass {
     pub work: Work,
     pub partition: Partition,
     pub chain: Chain,
+    /// True if the first camera of the pass's constants is that of its view's partner instead of its source.
+    pub sees_partner: bool,
     /// Vertices from which each device builds its acceleration structures of dynamic geometry after the pass.
     pub builds_from: Option<Resource>,
 }
@@ -181,6 +183,7 @@ impl Pass {
             work: Work::Rows,
             partition,
             chain: Chain::No,
+            sees_partner: false,
             builds_from: None,
         }
     }
@@ -237,6 +240,11 @@ impl Pass {
 
     pub fn chain(self, chain: Chain) -> Self {
         Self { chain, ..self }
+    }
+
+    /// Makes the first camera of the pass's constants that of its view's partner.
+    pub fn seeing_partner(self) -> Self {
+        Self { sees_partner: true, ..self }
     }
 
     /// Makes each device build its acceleration structures of dynamic geometry after the pass, from these vertices that

@@ -63,6 +63,10 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         if !view.is_source() {
             let why_not = "the view is path traced";
             surfaces(&mut frame, !is_traced, why_not, reproject::pass(spec, view));
+            if let Some(partner) = view.partner() {
+                let shares = spec.partner(view).is_some();
+                surfaces(&mut frame, shares, "views share no holes", reproject::share_holes(spec, view, partner));
+            }
             surfaces(&mut frame, !is_traced, why_not, path_trace::hole_fill(spec, view));
         }
     }
@@ -195,7 +199,8 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     let traced = kinds.flat_map(move |(filter, chain)| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo, Aov::History]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
-        let small = FrameSpec::new(one, 2);
+        // The second of four views has a source and a partner.
+        let small = FrameSpec { view_count: 4, ..FrameSpec::new(one, 2) };
         declare(&FrameSpec { chain, sparse: true, filter, iterations: 1, seam, aovs, moving, cache: true, ..small })
             .passes
     });

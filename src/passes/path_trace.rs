@@ -4,8 +4,8 @@ use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
 use super::radiance_cache::{self, RECORD_SEGMENT, RECORD_WORDS};
 use super::reproject::PARTITION as REPROJECT;
-use super::resources::HOLES;
-use crate::graph::{Dispatch, Kernel, Launch, Partition, Pass, Stage, Use, Work};
+use super::resources::{HOLES, UNSHARED};
+use crate::graph::{Dispatch, Kernel, Launch, Partition, Pass, Resource, Stage, Use, Work};
 use crate::scene::rig::Eye;
 use crate::wgsl::{arguments, constants};
 
@@ -33,17 +33,18 @@ arguments! {
 /// Kernel that both stages share, since drivers take seconds to compile it.
 const KERNEL: Kernel = Kernel::tracing_rays("path_trace").with(constants![RECORD_SEGMENT, RECORD_WORDS]);
 
-fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, is_listed: bool) -> Pass {
-    let (radiance, dispatch, parts) = match is_listed {
-        true => (Use::update(RADIANCE), Dispatch::List(HOLES), 1..=HOLES.list_parts(spec.extent)),
-        false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0..=0),
+fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, list: Option<Resource>) -> Pass {
+    let (radiance, dispatch, parts) = match list {
+        Some(list) => (Use::update(RADIANCE), Dispatch::List(list), 1..=list.list_parts(spec.extent)),
+        None => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0..=0),
     };
+    let listed = Use::read(list.unwrap_or(HOLES)).if_written().named("holes");
     let launch = |third| Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false };
     let [hit, albedo] = [HIT, ALBEDO].map(Use::update);
     // Unfiltered specular light is added to the light that the G-buffer found.
     let emission = Use::add(EMISSION);
     Pass::new(stage, view, partition, KERNEL)
-        .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
+        .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), listed])
         .uses(radiance_cache::uses(spec, view))
         .dispatch(dispatch)
         .launches(parts.map(launch).collect())
@@ -52,10 +53,11 @@ fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, is_lis
 }
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
-    trace(spec, STAGE, view, PARTITION, spec.sparse)
+    trace(spec, STAGE, view, PARTITION, spec.sparse.then_some(HOLES))
 }
 
-/// Returns the pass that path traces the pixels that reprojection could not fill.
+/// Returns the pass that path traces the pixels that reprojection and other views could not fill.
 pub fn hole_fill(spec: &FrameSpec, view: Eye) -> Pass {
-    trace(spec, HOLE_FILL, view, REPROJECT, true)
+    let list = if spec.partner(view).is_some() { UNSHARED } else { HOLES };
+    trace(spec, HOLE_FILL, view, REPROJECT, Some(list))
 }

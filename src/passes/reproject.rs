@@ -1,11 +1,12 @@
-//! Spatial reprojection of a view from its source, and the compacted list of the pixels that it cannot fill.
+//! Spatial reprojection of a view from its source, the holes that it shares with other views, and the compacted lists of
+//! the pixels that stay empty.
 
 use super::FrameSpec;
 use super::denoise::{self, Light};
 use super::gbuffer::{ALBEDO, GUIDE, HIT, TALLY};
-use super::resources::{HOLES, RADIANCE};
+use super::resources::{HOLES, RADIANCE, UNSHARED};
 use super::tally::HoleReason;
-use crate::graph::{Image, Kernel, Partition, Pass, Stage, Use};
+use crate::graph::{Dispatch, Image, Kernel, Partition, Pass, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::arguments;
 
@@ -42,7 +43,12 @@ pub(super) fn reach(spec: &FrameSpec) -> u32 {
 
 /// Returns the binding of an image of the view from which `view` is reprojected.
 pub(super) fn of_source(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
-    Use::read(image).of(view.source()).halo(spec.halo(reach(spec)))
+    seen_in(spec, view.source(), image)
+}
+
+/// Returns the binding of an image of a view in which surfaces are looked up.
+fn seen_in(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
+    Use::read(image).of(view).halo(spec.halo(reach(spec)))
 }
 
 /// Returns the pass that replaces a view's light by the filtered light of its source, `source_light`, wherever both see
@@ -78,4 +84,34 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
             Use::write_then_read(HOLES).cleared(),
         ])
         .with([ReachArguments { reach: reach(spec) }])
+}
+
+arguments! {
+    struct SharedArguments {
+        /// Rows above and below its own in which a pixel's surface may lie in the partner.
+        pub reach: u32,
+        /// n to look up the nth part of the list of holes. A part is as large as a dispatch may be.
+        pub list_part: u32,
+    }
+}
+
+/// Returns the pass that takes over the light of a view's holes from its partner, which has traced it.
+pub fn share_holes(spec: &FrameSpec, view: Eye, partner: Eye) -> Pass {
+    let of_part = |list_part| SharedArguments { reach: reach(spec), list_part };
+    let kernel = Kernel::new("share_holes").workgroup([8, 4, 1]).with(REASONS);
+    Pass::new(Stage("share_holes"), view, PARTITION, kernel)
+        .uses([
+            seen_in(spec, partner, HIT).named("left_hit"),
+            seen_in(spec, partner, GUIDE).named("left_guide"),
+            seen_in(spec, partner, RADIANCE).named("left_radiance"),
+            Use::read(HIT),
+            Use::read(GUIDE),
+            Use::update(RADIANCE),
+            Use::update(TALLY),
+            Use::read(HOLES),
+            Use::write_then_read(UNSHARED).cleared(),
+        ])
+        .dispatch(Dispatch::List(HOLES))
+        .with((1..=HOLES.list_parts(spec.extent)).map(of_part))
+        .seeing_partner()
 }

@@ -15,6 +15,8 @@ pub const RADIANCE: Resource = Resource::image::<UVec4>("radiance").bound_as("ra
 
 /// Compacted list of the pixels to path trace.
 pub const HOLES: Resource = Resource::list("holes");
+/// The same, without the holes that a view shares with its partner.
+pub const UNSHARED: Resource = Resource::list("unshared");
 
 /// The finished polar image: as scene-referred RGB, and encoded for display. No pass reads the encoded image.
 pub const POLAR: Resource = Resource::image::<Vec4>("polar");

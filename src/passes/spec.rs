@@ -85,6 +85,8 @@ pub struct FrameSpec {
     pub views: Views,
     /// True if reprojected views take over their source's light after the filter instead of before, if the denoiser can.
     pub filter_once: bool,
+    /// True if views share holes: those that a view's partner has traced as well are taken over from it.
+    pub share_holes: bool,
     /// Number of the first iterations of `atrous` that ignore differences in radiance.
     pub blind_iterations: u32,
     /// True if only the pixels that the pass `select` lists are path traced. The filter fills in the others.
@@ -119,6 +121,7 @@ impl FrameSpec {
             sources: 1,
             views: Views::Reprojected,
             filter_once: true,
+            share_holes: true,
             blind_iterations: 3,
             sparse: false,
             filter: Some(Denoiser::SVGF),
@@ -143,15 +146,21 @@ impl FrameSpec {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
     }
 
-    /// Returns the views, sources first.
+    /// Returns the views: sources first, and partners before the views that take over their light.
     pub fn eyes(&self) -> impl Iterator<Item = Eye> {
-        let all = Eye::of_rig(self.view_count).map(|eye| eye.among(self.sources));
-        all.clone().filter(|eye| eye.is_source()).chain(all.filter(|eye| !eye.is_source()))
+        let mut eyes: Vec<Eye> = Eye::of_rig(self.view_count).map(|eye| eye.among(self.sources)).collect();
+        eyes.sort_by_key(|eye| (!eye.is_source(), eye.partner().is_some()));
+        eyes.into_iter()
     }
 
     /// Returns the view from which a view is reprojected; `None` if it is path traced.
     pub fn source(&self, view: Eye) -> Option<Eye> {
         (self.views == Views::Reprojected && !view.is_source()).then_some(view.source())
+    }
+
+    /// Returns the view from which a reprojected view takes over light that its source lacks.
+    pub fn partner(&self, view: Eye) -> Option<Eye> {
+        view.partner().filter(|_| self.share_holes && self.views == Views::Reprojected)
     }
 
     /// Returns true if reprojected views take over the filtered light of their source.

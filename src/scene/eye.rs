@@ -71,6 +71,18 @@ impl Eye {
         self == self.source()
     }
 
+    /// Returns the second view whose light this one may take over: the next source on the other side of it from its own
+    /// source or, beyond the outermost sources, the outermost view. `None` for sources and for that view.
+    pub fn partner(self) -> Option<Eye> {
+        let source = self.source();
+        let beyond = |place: &Eye| place.index.abs_diff(source.index) > self.index.abs_diff(source.index);
+        let is_beyond = |eye: &Eye| beyond(eye) && (*eye < source) == (self < source);
+        let all = Eye::of_rig(self.views.into()).map(|eye| eye.among(self.sources.into()));
+        let mut away: Vec<Eye> = all.filter(|eye| is_beyond(eye) && !self.is_source()).collect();
+        away.sort_by_key(|eye| eye.index.abs_diff(source.index));
+        away.iter().find(|eye| eye.is_source()).or(away.last()).copied()
+    }
+
     /// Returns the view's offset from the middle of the rig to the right, in distances between neighbours.
     pub(super) fn offset(self) -> f64 {
         (f64::from(self.index) * 2.0 - f64::from(self.views - 1)) / 2.0
@@ -198,6 +210,19 @@ mod tests {
         assert_eq!(Eye::LEFT.offset(), -0.5);
         assert_eq!((Eye::LEFT.source(), Eye::RIGHT.source()), (Eye::LEFT, Eye::LEFT));
         assert!(Eye::LEFT.is_main());
+    }
+
+    #[test]
+    fn partners_lie_beyond_a_view_as_seen_from_its_source() {
+        let partners = |views: usize, sources: usize| -> Vec<Option<usize>> {
+            Eye::of_rig(views).map(|eye| eye.among(sources).partner().map(Eye::index)).collect()
+        };
+        assert_eq!(partners(2, 1), [None; 2]);
+        assert_eq!(partners(3, 1), [None; 3]);
+        assert_eq!(partners(6, 1), [None, Some(0), None, Some(5), Some(5), None]);
+        // The sources are views 1, 4 and 7.
+        let of_nine = [None, None, Some(4), Some(1), None, Some(7), Some(4), None, None];
+        assert_eq!(partners(9, 3), of_nine);
     }
 
     #[test]

@@ -38,7 +38,8 @@ pub struct DeviceStages {
     /// Bind group 2 of kernels that read constants of the projection.
     projection: Option<wgpu::BindGroup>,
     scene: SceneBuffers,
-    /// The frame's constants by view; up to two views share them.
+    /// The frame's constants by view, with the camera of its source and then with that of its partner; up to two views
+    /// share one set.
     frames: Vec<wgpu::Buffer>,
     /// Copies of images that repeated dispatches add to, by binding and size in bytes.
     saved: HashMap<(usize, u64), wgpu::Buffer>,
@@ -82,8 +83,9 @@ impl DeviceStages {
         )?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let images = Images::new(gpu, programs, config.grid(), config.execution.frames_in_flight);
-        let views = programs.iter().map(Program::views).max().filter(|views| *views > 2).unwrap_or(1);
-        let frames: Vec<_> = (0..views).map(|_| gpu.buffer("frame", size_of::<Frame>() as u64, UNIFORM)).collect();
+        let views = programs.iter().map(Program::views).max().unwrap_or(1);
+        let sets = if views > 2 { 2 * views } else { 1 };
+        let frames: Vec<_> = (0..sets).map(|_| gpu.buffer("frame", size_of::<Frame>() as u64, UNIFORM)).collect();
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
         let label = Some("group 0");
         let layout = |entries: Vec<_>| {
@@ -138,7 +140,8 @@ impl DeviceStages {
         }
     }
 
-    /// Writes the constants of a frame and of the one before, for each view or for all, and updates the scene's tables,
+    /// Writes the constants of a frame and of the one before, as [`of_views`](crate::frame::constants::of_views) returns
+    /// them, and updates the scene's tables,
     /// for the next submission.
     pub fn begin(&mut self, gpu: &GpuDevice, constants: &[(Frame, Previous)], update: &SceneUpdate) {
         let bound = Bound { resource: PREVIOUS, buffer: 0, is_before: false };
@@ -275,7 +278,8 @@ impl DeviceStages {
             groups.entry((kernel.name, bound, place)).or_insert_with_key(new).clone()
         });
         let mut recorded = to.begin_pass(declared.stage, [begins, ends]);
-        let of_view = &self.frame_groups[declared.view.index().min(self.frame_groups.len() - 1)];
+        let set = declared.view.index() + if declared.sees_partner { declared.view.views() } else { 0 };
+        let of_view = &self.frame_groups[set.min(self.frame_groups.len() - 1)];
         recorded.set_bind_group(0, &of_view[kernel.scene as usize], &[]);
         recorded.set_bind_group(1, &*group, &[]);
         recorded.set_bind_group(2, self.projection.as_ref(), &[]);

@@ -57,7 +57,11 @@ fn middle_view_is_that_of_a_single_camera() {
 fn views_depend_on_their_source_only() {
     let subject = subject(7);
     let [one, three] = [1, 3].map(|sources| {
-        last_frame(&subject, &with(settings(&subject, true), |config| config.buffers.sources = sources)).linear
+        let settings = with(settings(&subject, true), |config| {
+            config.buffers.sources = sources;
+            config.share_holes = false;
+        });
+        last_frame(&subject, &settings).linear
     });
     let same: Vec<bool> = one.iter().zip(three.iter()).map(|(one, three)| one == three).collect();
     // The sources are views 1, 3 and 5.
@@ -89,6 +93,38 @@ fn reprojected_views_are_as_good_as_traced_ones() {
             (by_source.mean_ratio.unwrap() / own.mean_ratio.unwrap() - 1.0).abs() < 0.03,
             "{eye}: {by_source}\n{own}"
         );
+    }
+}
+
+/// A hole that the outermost view has as well is traced there, and inner views are as near to their references as
+/// without sharing.
+#[test]
+fn shared_holes_are_traced_once() {
+    let mut subject = Subject::load("builtin:atrium");
+    (subject.rig.views, subject.rig.baseline_m) = (8, 0.02);
+    let reference = with(settings(&subject, false), |config| {
+        config.envelope.most.filter = None;
+        config.envelope.most.spp = 64.into();
+    });
+    let reference = Stage::alone(&subject, &reference).frame(3).linear;
+    let [shared, own] = [true, false].map(|shares| {
+        let frame = last_frame(&subject, &with(settings(&subject, true), |config| config.share_holes = shares));
+        let holes: Vec<u64> = frame.report.tallies.iter().map(|tally| tally.holes.iter().sum()).collect();
+        let flip: Vec<f32> = reference
+            .with_eyes()
+            .map(|(eye, right)| compare(right, frame.linear.of(eye)).unwrap().flip as f32)
+            .collect();
+        (holes, flip)
+    });
+    println!("holes and FLIP: {shared:?}, without sharing {own:?}");
+    let inner = [1, 2, 4, 5, 6];
+    let sum = |holes: &[u64]| inner.iter().map(|view| holes[*view]).sum::<u64>();
+    assert!(sum(&shared.0) * 3 < sum(&own.0) * 2, "{shared:?} {own:?}");
+    for outer in [0, 7] {
+        assert_eq!((shared.0[outer], shared.1[outer]), (own.0[outer], own.1[outer]));
+    }
+    for view in inner {
+        assert!(shared.1[view] < 1.03 * own.1[view], "{shared:?} {own:?}");
     }
 }
 

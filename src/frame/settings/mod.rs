@@ -212,6 +212,8 @@ table::settings! {
         /// Both eyes then see the same noise. With off, the right eye takes over the left eye's samples and filters
         /// them.
         filter_once: bool = true, needs finished_light;
+        /// Trace holes that several views share in one of them
+        share_holes: bool = true, needs reprojected_views;
         /// Keep direct light with hard shadows out of the denoiser, for up to 4 lights
         ///
         /// Points and spots without a radius and suns with a radius of at most 1 degree have hard shadows.

@@ -34,6 +34,10 @@ pub fn finished_light(settings: &Settings) -> Needs {
     missing(leaves_it, "denoiser=svgf").or_else(|| missing(settings.reproject, "reproject=on"))
 }
 
+pub fn reprojected_views(settings: &Settings) -> Needs {
+    missing(settings.reproject, "reproject=on")
+}
+
 pub fn indirect_light(settings: &Settings) -> Needs {
     missing(settings.bounces > 1, "bounces=2 or more")
 }
