@@ -25,6 +25,7 @@ from quiet import Meanwhile, wait_for_quiet  # noqa: E402
 from tables import measure_drivers, measure_flip, measure_play, measure_scale, say  # noqa: E402
 from studies import MEASUREMENTS as STUDIES  # noqa: E402
 from text import write  # noqa: E402
+from views import measure_views  # noqa: E402
 
 # Sizes and counts of a real run, and of a smoke test.
 REAL = argparse.Namespace(
@@ -41,6 +42,7 @@ MEASUREMENTS = {
     "play": measure_play,
     "scale": measure_scale,
     "drivers": measure_drivers,
+    "views": measure_views,
     "peers": measure_peers,
     **STUDIES,
 }

@@ -11,7 +11,7 @@ FRAMES, COLD, FPS = 16, 4, 72
 INSTANT = (FRAMES - 1) / FPS
 WITH_HISTORY, WITHOUT_HISTORY = f"{FRAMES}th frame of a path, with history", "first frame, no history"
 DENOISING = ("accumulate", "variance", "svgf")
-BUILT_IN = ("cornell", "atrium")
+BUILT_IN = ("cornell", "atrium", "gallery")
 
 
 
