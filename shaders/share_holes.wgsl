@@ -1,6 +1,6 @@
-// Holes that several views share (after DaSH): a listed pixel gathers the light that the partner view sampled on its
-// surface (see `gather.inc.wgsl`), which was a hole of the partner as well and was path traced there. Pixels whose surface
-// the partner does not show either are listed again, for path tracing.
+// Holes that several views share: a listed pixel gathers the light that the partner view sampled on its surface (see
+// `gather.inc.wgsl`), which was a hole of the partner as well and was path traced there. Pixels whose surface the partner
+// does not show either are listed again, for path tracing.
 
 //!include frame grid projection split pack foveation gather bindings
 

@@ -1,6 +1,6 @@
 // Light that the right eye takes over after the left eye's filter: each reprojected pixel gathers the filtered light of its
 // surface (see `reprojection.inc.wgsl`), so that both eyes see the same blur and the same remaining noise. Such pixels
-// are FINISHED: the right eye's own filter leaves them alone and uses them for the pixels around them, the holes. Pixels
+// are FINISHED: the right eye's own filter leaves them out and uses them for the pixels around them, the holes. Pixels
 // that reflect what the surfaces in the left eye do not, for example beside a black texel, are left to the filter.
 
 //!include frame grid projection split pack foveation variance reprojection bindings

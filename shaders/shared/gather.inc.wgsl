@@ -1,6 +1,6 @@
 // Light that another view sampled on a pixel's surface.
 
-//!include frame split pack reprojection bindings
+//!include frame split pack foveation reprojection bindings
 
 struct Gathered {
     matte: MeanLight,

@@ -5,7 +5,8 @@ use std::collections::HashMap;
 
 use super::halo::Seam;
 use super::pass::{Chain, Partition, Pass, Stage};
-use super::resource::{Image, Life, Resource, Scope};
+use super::resource::{Format, Image, Life, Resource, Scope};
+use super::uses::Use;
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
@@ -230,7 +231,7 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
         (Seam::None | Seam::Filter, _) => true,
     };
     let (mut margin, mut grid) = (0, None);
-    for linked in chain.into_iter().rev() {
+    for linked in chain.iter_mut().rev() {
         if margin > 0 && grid != Some(linked.pass.grid) {
             return Err(ProgramError::Grid { stage: linked.pass.stage.name() });
         }
@@ -238,6 +239,10 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
         grid = Some(linked.pass.grid);
         margin = if receives(linked.link) { 0 } else { margin + linked.pass.halo_rows() };
     }
+    // A list has the pixels of all rows that passes behind it compute.
+    let widest = chain.iter().map(|linked| linked.margin_rows).max().unwrap_or(0);
+    let lists = |used: &Use| used.access.writes() && used.image.resource.format == Format::List;
+    chain.iter_mut().filter(|p| p.pass.uses.iter().any(lists)).for_each(|p| p.margin_rows = widest);
     Ok(())
 }
 

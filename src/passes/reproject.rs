@@ -54,7 +54,7 @@ fn seen_in(spec: &FrameSpec, view: Eye, image: impl Into<Image>) -> Use {
 /// Returns the pass that replaces a view's light by the filtered light of its source, `source_light`, wherever both see
 /// the same surface.
 pub fn filtered(spec: &FrameSpec, view: Eye, source_light: Image, light: &mut Light) -> Pass {
-    let (source, target) = light.advance();
+    let (source, target) = light.finish_part();
     let kernel = Kernel::new("reproject_filtered").with(REASONS);
     Pass::new(Stage("reproject_filtered"), view, denoise::PARTITION, kernel)
         .uses([

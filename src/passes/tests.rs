@@ -42,6 +42,7 @@ pub fn all_specs() -> Vec<FrameSpec> {
             }
         }
     }
+    specs.push(FrameSpec { view_count: 4, ..spec(2, Seam::Halo(HaloPlan::EXCHANGE)) });
     for moving in [None, Some(Moving::default())] {
         let frame =
             FrameSpec { imported: true, views: Views::Traced, moving, ..spec(2, Seam::Halo(HaloPlan::EXCHANGE)) };

@@ -91,7 +91,8 @@ fn check_access(used: &Use, flags: GlobalUse) -> Result<(), Mismatch> {
         Access::Read => Ok(()),
         _ if !writes => Err(Mismatch::Unwritten(name)),
         Access::Write if reads => Err(Mismatch::Read(name)),
-        Access::Write => Ok(()),
+        // An update may write some texels without reading any.
+        Access::Write | Access::Update => Ok(()),
         _ if !reads => Err(Mismatch::Unread(name)),
         _ => Ok(()),
     }

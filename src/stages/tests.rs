@@ -27,7 +27,7 @@ fn every_pass_matches_its_declaration() {
             }
         }
     }
-    assert_eq!(verified.len(), 28);
+    assert_eq!(verified.len(), 30);
 }
 
 /// Checks that bindings do not depend on the frame, since pipelines are created once.

@@ -12,14 +12,20 @@
 // - The first iteration, whose result becomes the history, tolerates larger differences than the others, since its taps
 //   are the nearest.
 
-//!include frame grid projection split pack foveation edges variance bindings
+//!include frame grid projection split pack foveation edges variance unfinished bindings
 
 @compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if is_outside(pixel) {
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let place = place_of(id, group.x, groups.x, lane);
+    if !place.is_there {
         return;
     }
+    let pixel = place.pixel;
     let at = pixel_index(pixel);
     let centre = unpack_light(source[at]);
     let bits = guide_image[at];
@@ -27,11 +33,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = vec4<u32>(0u);
         return;
     }
-    if centre.a.x == FINISHED {
-        filtered[at] = source[at];
-        return;
-    }
-    let step = i32(pass_.args.step);
+    let step = 1 << pass_.args.iteration;
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let is_missing = centre.a.x < 0.0;
     let own = luminances(centre);

@@ -4,7 +4,7 @@
 // 3x3 smoothing runs once, before the first iteration, instead of in each; and spatial estimates are multiplied by
 // DOUBT, since they may have missed rare bright light.
 
-//!include frame grid projection split pack edges variance bindings
+//!include frame grid projection split pack edges variance unfinished bindings
 
 const REACH: i32 = i32(VARIANCE_REACH);
 // Factor by which spatial estimates of variance are multiplied.
@@ -13,20 +13,22 @@ const DOUBT: f32 = 9.0;
 const LAST_RESORT: f32 = 1e-6;
 
 @compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if is_outside(pixel) {
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let place = place_of(id, group.x, groups.x, lane);
+    if !place.is_there {
         return;
     }
+    let pixel = place.pixel;
     let at = pixel_index(pixel);
     let centre = unpack_light(source[at]);
     let bits = guide_image[at];
     if bits.w == NO_NORMAL {
         filtered[at] = vec4<u32>(0u);
-        return;
-    }
-    if centre.a.x == FINISHED {
-        filtered[at] = source[at];
         return;
     }
     let is_known = centre.a.x >= 0.0;

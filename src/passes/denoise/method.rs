@@ -20,11 +20,13 @@ pub struct Light {
     current: Image,
     /// The version of the filtered image that was written last.
     filtered: Image,
+    /// True if a pass has taken over filtered light for a part of the pixels.
+    is_partly_finished: bool,
 }
 
 impl Light {
     pub(super) fn traced() -> Self {
-        Self { current: RADIANCE.into(), filtered: FILTERED.into() }
+        Self { current: RADIANCE.into(), filtered: FILTERED.into(), is_partly_finished: false }
     }
 
     /// Returns the image that the latest of these passes writes. At first, it is the path tracer's output.
@@ -38,8 +40,22 @@ impl Light {
         self.advance_to(self.filtered)
     }
 
+    /// Returns true if the filter finds pixels whose light has been filtered already.
+    pub fn is_partly_finished(self) -> bool {
+        self.is_partly_finished
+    }
+
+    /// Returns the images like [`Self::advance`], for a pass that takes over filtered light.
+    pub(in crate::passes) fn finish_part(&mut self) -> (Image, Image) {
+        self.is_partly_finished = true;
+        self.advance()
+    }
+
     /// Returns the images like [`Self::advance`], but the pass writes to `target`.
     pub fn advance_to(&mut self, target: Image) -> (Image, Image) {
+        if target.resource == FILTERED {
+            self.filtered = target;
+        }
         (std::mem::replace(&mut self.current, target), target)
     }
 }

@@ -68,7 +68,7 @@ fn rejects_wrong_declarations() {
     assert_eq!(with(0, Use::write(READ)), Mismatch::Unwritten("read"));
     assert_eq!(with(0, Use::update(READ)), Mismatch::Unwritten("read"));
     assert_eq!(with(2, Use::write(ADDED)), Mismatch::Read("added"));
-    assert_eq!(with(1, Use::update(WRITTEN)), Mismatch::Unread("written"));
+    assert_eq!(with(1, Use::add(WRITTEN)), Mismatch::Unread("written"));
     assert_eq!(with(1, Use::write_then_read(WRITTEN)), Mismatch::Unread("written"));
     assert_invalid(0, Use::read(READ).viewed_as::<u32>());
     let narrow = Resource::image::<[u32; 3]>("read").bound_as("source");

@@ -5,7 +5,7 @@
 use glam::UVec4;
 
 use super::{Denoise, Light, PARTITION, gradient, taa};
-use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
+use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::resources::last_surface;
 use crate::passes::{FrameSpec, PREVIOUS};
@@ -14,12 +14,16 @@ use crate::wgsl::{arguments, constants};
 
 const STAGE: Stage = Stage("svgf");
 const VARIANCE: Stage = Stage("variance");
+const SELECT: Stage = Stage("select_unfinished");
 
 /// Statistics of a pixel's accumulated luminance (mean, variance, recent mean, number of samples and number of frames)
 /// and the pixel's material, packed.
 const MOMENTS: Resource = Resource::image::<UVec4>("moments");
 /// Accumulated light after the filter's first iteration.
 const HISTORY: Resource = Resource::image::<UVec4>("history");
+
+/// Compacted list of the pixels that the filter has to do if the others take over filtered light.
+const UNFINISHED: Resource = Resource::list("unfinished");
 
 /// Radius of the spatial estimate of variance, pixels.
 const VARIANCE_REACH: u32 = 3;
@@ -38,13 +42,35 @@ fn step(index: u32) -> u32 {
 }
 
 arguments! {
+    struct VarianceArguments {
+        /// 0 to filter all pixels; n to filter the nth part of the listed ones. A part is as large as a dispatch may be.
+        pub list_part: u32,
+    }
+}
+
+arguments! {
     struct SvgfArguments {
-        /// Distance between taps, pixels.
-        pub step: u32,
+        /// As in `VarianceArguments`.
+        pub list_part: u32,
         /// Squared width of the luminance edge-stopping function.
         pub sigma2: f32,
         pub iteration: u32,
     }
+}
+
+/// Returns the pass that lists the pixels without finished light, and copies the finished ones to the images that the
+/// filter writes.
+fn select_unfinished(view: Eye, light: Image, copies: [Image; 2]) -> Pass {
+    let [copy, history] = copies.map(Use::write);
+    Pass::new(SELECT, view, PARTITION, Kernel::new("select_unfinished"))
+        .uses([
+            Use::read(GUIDE),
+            Use::read(light).named("source"),
+            copy.named("filtered"),
+            history,
+            Use::write_then_read(UNFINISHED).cleared(),
+        ])
+        .chain(Chain::Margin)
 }
 
 pub struct Svgf;
@@ -114,22 +140,45 @@ impl Denoise for Svgf {
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
 
+    /// Returns the passes of the filter. If a part of the light is finished, they run on the list of the other pixels, and
+    /// alternate between two images that both have the finished ones.
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
-        let link = |stage, kernel, reach_rows: u32, (source, target): (Image, Image)| {
+        let is_listed = light.is_partly_finished();
+        let (target, dispatch, parts) = match is_listed {
+            true => {
+                (Use::update as fn(Image) -> Use, Dispatch::List(UNFINISHED), 1..=UNFINISHED.list_parts(spec.extent))
+            }
+            false => (Use::write as fn(Image) -> Use, Dispatch::PIXELS, 0..=0),
+        };
+        let link = |stage, kernel, reach_rows: u32, (from, to): (Image, Image)| {
             let halo = spec.halo(reach_rows);
             let uses = [
                 Use::read(GUIDE).halo(halo),
-                Use::read(source).halo(halo).named("source"),
-                Use::write(target).named("filtered"),
+                Use::read(from).halo(halo).named("source"),
+                target(to).named("filtered"),
+                Use::read(UNFINISHED).if_written(),
             ];
-            Pass::new(stage, view, PARTITION, kernel).uses(uses).chain(Chain::Planned)
+            Pass::new(stage, view, PARTITION, kernel).uses(uses).dispatch(dispatch).chain(Chain::Planned)
         };
-        let mut passes = vec![link(VARIANCE, VARIANCE_KERNEL, VARIANCE_REACH, light.advance())];
+        let mut passes = Vec::new();
+        let finished = light.image();
+        let images = light.advance();
+        if is_listed {
+            passes.push(select_unfinished(view, finished, [images.1, HISTORY.into()]));
+        }
+        let variance = link(VARIANCE, VARIANCE_KERNEL, VARIANCE_REACH, images);
+        passes.push(variance.with(parts.clone().map(|list_part| VarianceArguments { list_part })));
         for index in 0..spec.iterations {
-            let images = if index == 0 { light.advance_to(HISTORY.into()) } else { light.advance() };
+            let images = match index {
+                0 => light.advance_to(HISTORY.into()),
+                _ if is_listed && index % 2 == 1 => light.advance_to(finished),
+                _ if is_listed => light.advance_to(finished.next()),
+                _ => light.advance(),
+            };
             let sigma = if index == 0 { FIRST_SIGMA } else { SIGMA };
-            let arguments = SvgfArguments { step: step(index), sigma2: sigma * sigma, iteration: index };
-            passes.push(link(STAGE, Kernel::new("svgf"), step(index), images).index(index).with([arguments]));
+            let of_part = |list_part| SvgfArguments { list_part, sigma2: sigma * sigma, iteration: index };
+            let pass = link(STAGE, Kernel::new("svgf"), step(index), images).index(index);
+            passes.push(pass.with(parts.clone().map(of_part)));
         }
         passes
     }
