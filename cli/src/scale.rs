@@ -35,7 +35,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::watch()?;
     let mut others = Others::begin();
     let tracing = Tracing::start(options)?;
-    let loaded = setup::load(options)?;
+    let loaded = setup::load_rig(options)?;
     let begin = Instant::now();
     let most = args.counts.iter().copied().max().map_or(1, usize::from);
     let gpus = setup::open_devices(&policies[0], most)?;

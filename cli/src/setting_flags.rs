@@ -43,10 +43,10 @@ pub const FLAGS: [(&str, &str); 9] = [
     ),
     ("play", LOOP),
     ("view", LOOP),
-    ("scale", "size spp bounces denoiser iterations reproject seam devices threads_per_device balance ratios"),
+    ("scale", "views sources baseline size spp bounces denoiser iterations reproject seam devices threads_per_device balance ratios"),
     ("bench", "size reproject threads_per_device balance"),
-    ("study", "size threads_per_device"),
-    ("graph", "size denoiser foveation reproject seam balance ratios aov"),
+    ("study", "views size threads_per_device"),
+    ("graph", "views sources size denoiser foveation reproject seam balance ratios aov"),
     ("info", "allow_outside"),
     ("export", "environment allow_outside"),
 ];

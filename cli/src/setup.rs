@@ -45,7 +45,7 @@ pub fn load(options: &RunOptions) -> Result<LoadedScene, Failure> {
 
 /// Refuses a rig without exactly two views.
 pub fn check_eyes(rig: &Rig) -> Result<(), Failure> {
-    let what = "only `render` takes other than two views: the shot has";
+    let what = "this takes two views; `render`, `scale` and `graph` take any number: the shot has";
     if rig.views == 2 { Ok(()) } else { Err(Failure::Input(anyhow!("{what} {}", rig.views))) }
 }
 

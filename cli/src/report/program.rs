@@ -66,14 +66,19 @@ fn name(program: &Program, linked: &Linked, used: &Use, image: usize) -> String 
 
 /// Returns a table of the stages that a frame leaves out, with eyes and reasons.
 pub fn left_out_table(left_out: &[(Stage, Eye, &'static str)]) -> Table {
-    let mut rows: Vec<(Stage, &str, String)> = Vec::new();
+    let mut rows: Vec<(Stage, &str, Vec<Eye>)> = Vec::new();
     for &(stage, eye, why) in left_out {
         match rows.iter_mut().find(|(s, w, _)| (*s, *w) == (stage, why)) {
-            Some((_, _, eyes)) => *eyes = "both".to_owned(),
-            None => rows.push((stage, why, eye.to_string())),
+            Some((_, _, eyes)) => eyes.push(eye),
+            None => rows.push((stage, why, vec![eye])),
         }
     }
-    let row = |(stage, why, eyes): (Stage, &str, String)| vec![stage.name().to_owned(), eyes, why.to_owned()];
+    let names = |eyes: &[Eye]| match eyes {
+        [eye] => eye.to_string(),
+        [Eye::LEFT, _] => "both".to_owned(),
+        eyes => format!("{} views", eyes.len()),
+    };
+    let row = |(stage, why, eyes): (Stage, &str, Vec<Eye>)| vec![stage.name().to_owned(), names(&eyes), why.to_owned()];
     Table { headers: vec!["left out", "eye", "why"], rows: rows.into_iter().map(row).collect() }
 }
 

@@ -51,11 +51,11 @@ table::settings! {
         /// Number of views, side by side [default: the shot's, else 2, the eyes]
         ///
         /// Images of other than two views are called view00, view01 and so on, from left to right.
-        views: Option<u32> = None, of &["render"];
+        views: Option<u32> = None, of ROWS;
         /// Views to path trace, an odd number
         ///
         /// Other views are reprojected from the nearest of them.
-        sources: u32 = 1, of &["render"];
+        sources: u32 = 1, of ROWS;
         /// Distance of neighbouring views, metres [default: the shot's, else 0.064]
         baseline: Option<f64> = None;
         /// Distance of zero parallax, metres [default: the shot's, else infinite]
@@ -292,6 +292,8 @@ table::settings! {
 
 /// Commands that open devices for frames of a shot.
 const RUNS: &[&str] = &["render", "play", "view", "scale", "bench", "study"];
+/// Commands that take any number of views.
+const ROWS: &[&str] = &["render", "scale", "graph", "study"];
 /// Commands that divide frames among devices.
 const BALANCED: &[&str] = &["render", "play", "view", "scale", "bench", "study", "graph"];
 /// Commands whose frames all have the quality of the settings.
