@@ -75,7 +75,7 @@ pub fn left_out_table(left_out: &[(Stage, Eye, &'static str)]) -> Table {
     }
     let names = |eyes: &[Eye]| match eyes {
         [eye] => eye.to_string(),
-        [Eye::LEFT, _] => "both".to_owned(),
+        [first, _] if first.views() == 2 => "both".to_owned(),
         eyes => format!("{} views", eyes.len()),
     };
     let row = |(stage, why, eyes): (Stage, &str, Vec<Eye>)| vec![stage.name().to_owned(), names(&eyes), why.to_owned()];

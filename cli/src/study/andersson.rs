@@ -47,6 +47,7 @@ pub const STUDY: Study = Study {
     ],
     shots: &[["builtin:atrium", "Sponza"], ["builtin:towers", "Bistro"]],
     sizes: &[Size { name: "1080p", width: 1920, height: 1080, layer_radii_px: None }],
+    views: None,
     cameras: &[Camera::Still, Camera::Moving],
     frames: 20,
     gazes_ahead: true,

@@ -14,12 +14,13 @@ use crate::settings::Given;
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(after_help = "Studies:
-  leria      Leria et al. 2024: distribute every stage, or only path tracing
-  seams      Leria et al. 2024: every filtering across stripes at every device count
-  bmfr       Xu, Tong & Xu: bmfr with and without feature noise, and svgf
-  koskela    Koskela et al. 2019: visual-polar space against equal-sample alternatives
-  andersson  Andersson & Hansson 2020: log-polar modes, by rings around the gaze
-  peres      Peres 2022: foveated sampling and denoising in layers
+  leria             Leria et al. 2024: distribute every stage, or only path tracing
+  leria-lightfield  Leria et al. 2024: rows of views on several devices
+  seams             Leria et al. 2024: every filtering across stripes at every device count
+  bmfr              Xu, Tong & Xu: bmfr with and without feature noise, and svgf
+  koskela           Koskela et al. 2019: visual-polar space against equal-sample alternatives
+  andersson         Andersson & Hansson 2020: log-polar modes, by rings around the gaze
+  peres             Peres 2022: foveated sampling and denoising in layers
 
 Examples:
   diptych study koskela --shots builtin:cornell --fraction 0.1 --out out/koskela
@@ -49,7 +50,7 @@ pub struct StudyArgs {
     /// Fraction of the published width and height, and of the number of frames
     #[arg(long, value_name = "F", default_value_t = 0.25, value_parser = fraction, help_heading = options::SCENE)]
     pub fraction: f64,
-    /// Device counts to predict, for leria
+    /// Device counts to predict, for leria and leria-lightfield
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64), help_heading = options::DEVICES)]
     pub simulate: Vec<u16>,
     /// Virtual devices on each adapter, for seams

@@ -21,13 +21,15 @@ pub struct Arrangement {
     /// Groups of passes whose rows are distributed over all devices, while all other passes run on the primary; `None`
     /// to distribute all of them.
     pub distributes: Option<&'static [&'static str]>,
+    /// Number of devices; `None` for all.
+    pub devices: Option<usize>,
     /// Adapts the options to the scene. Returns the measures that it has chosen.
     pub adapt: Option<fn(&mut RenderOptions, &LoadedScene) -> Measures>,
 }
 
 impl Arrangement {
     pub const fn new(name: &'static str, settings: &'static [(&'static str, &'static str)]) -> Self {
-        Self { name, settings, distributes: None, adapt: None }
+        Self { name, settings, distributes: None, devices: None, adapt: None }
     }
 
     pub const fn adapt(self, adapt: fn(&mut RenderOptions, &LoadedScene) -> Measures) -> Self {
@@ -49,16 +51,18 @@ impl Arrangement {
         Ok(options)
     }
 
-    /// Returns options that run the passes which are not distributed on the primary, also those of the right eye if it is
+    /// Returns options that run the passes which are not distributed on the primary, also those of views that are
     /// not path traced in full.
     pub fn distributed(&self, mut options: RenderOptions, devices: usize) -> RenderOptions {
         let Some(distributes) = self.distributes else { return options };
         let run = &mut options.run;
         run.settings.balance = vec![Balance::Static];
         let on_primary: Vec<f64> = (0..devices).map(|device| if device == 0 { 1.0 } else { 0.0 }).collect();
+        let settings = &run.settings;
+        let (views, sources) = (settings.views.unwrap_or(2) as usize, settings.sources as usize);
         for group in partitions() {
-            for view in Eye::BOTH {
-                let is_traced = view == Eye::LEFT || !run.settings.reproject;
+            for view in Eye::of_rig(views).map(|view| view.among(sources)) {
+                let is_traced = view.is_source() || !run.settings.reproject;
                 if !(is_traced && distributes.contains(&group.0)) {
                     let ratios = on_primary.clone();
                     run.settings.ratios.push(RatioRule { group: Some(group), view: Some(view), ratios });

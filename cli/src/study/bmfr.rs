@@ -27,6 +27,7 @@ pub const STUDY: Study = Study {
     ],
     shots: &[["builtin:atrium", "Falcor's default scene"]],
     sizes: &[Size { name: "1080p", width: 1920, height: 1080, layer_radii_px: None }],
+    views: None,
     cameras: &[Camera::Approaching],
     frames: 0,
     gazes_ahead: false,

@@ -17,6 +17,8 @@ pub struct Study {
     pub shots: &'static [[&'static str; 2]],
     /// Published sizes of an eye's image.
     pub sizes: &'static [Size],
+    /// Default row of views; `None` for two eyes.
+    pub views: Option<ViewRow>,
     pub cameras: &'static [Camera],
     /// Published number of frames along the path, or of instants on it.
     pub frames: u32,
@@ -67,6 +69,12 @@ impl Study {
     pub fn has_rings(&self) -> bool {
         self.has_any(&RINGS)
     }
+}
+
+/// A row of views.
+pub struct ViewRow {
+    pub count: u32,
+    pub baseline_m: f64,
 }
 
 /// A published size of an eye's image, in pixels.

@@ -46,6 +46,7 @@ pub const STUDY: Study = Study {
     ],
     shots: &[["builtin:atrium", "the paper's scenes"]],
     sizes: &[Size { name: "FOVE", width: 1280, height: 1440, layer_radii_px: None }],
+    views: None,
     cameras: &[Camera::Approaching],
     frames: 0,
     gazes_ahead: false,

@@ -6,7 +6,7 @@ use super::columns::Column;
 use super::definition::{Camera, Size, Study};
 
 /// Stages that the paper's denoising stands for: from accumulation to TAA and tonemapping, and the tallies.
-const DENOISING: &[&str] = &[
+pub const DENOISING: &[&str] = &[
     "select",
     "accumulate",
     "gradient",
@@ -52,6 +52,7 @@ pub const STUDY: Study = Study {
     ],
     shots: &[["builtin:gallery", "San Miguel"], ["builtin:atrium", "Sponza"], ["builtin:towers", "Bistro Exterior"]],
     sizes: &[Size { name: "720p", width: 1280, height: 720, layer_radii_px: None }],
+    views: None,
     cameras: &[Camera::Following],
     frames: 104,
     gazes_ahead: false,

@@ -12,6 +12,7 @@ mod definition;
 mod instants;
 mod koskela;
 mod leria;
+mod leria_lightfield;
 mod locked;
 mod measuring;
 mod moving_gaze;
@@ -34,7 +35,8 @@ pub use args::StudyArgs;
 use definition::{Camera, Study};
 
 /// All studies but that of seams.
-const STUDIES: [&Study; 5] = [&leria::STUDY, &bmfr::STUDY, &koskela::STUDY, &andersson::STUDY, &peres::STUDY];
+const STUDIES: [&Study; 6] =
+    [&leria::STUDY, &leria_lightfield::STUDY, &bmfr::STUDY, &koskela::STUDY, &andersson::STUDY, &peres::STUDY];
 
 pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     let is_typed = |id: &str| Given::here().is_some_and(|given| given.typed(id).is_some());

@@ -19,10 +19,13 @@ use crate::registry::registered;
 use crate::report::frames::FrameLine;
 use crate::report::html::Section;
 use crate::report::lanes::{LaneFrame, median_frame};
+use crate::report::statistics::mean;
 use crate::report::{Chart, Series, line_chart_svg, median_of, once};
 use crate::setup;
 use crate::simulate::predict;
-use diptych::exec::FrameReport;
+use diptych::exec::{FrameReport, PerView};
+use diptych::image::RgbImage;
+use diptych::metrics::Pair;
 use diptych::passes::FrameSpec;
 
 /// Number of sequences of each arrangement.
@@ -72,8 +75,11 @@ pub fn measure(
             reports[which].extend(sequence);
         }
     }
+    let over = |base: usize, own: &[f64]| totals_s[base].iter().zip(own).map(|(base, own)| base / own).collect();
+    let one = alone(study);
     for (found, own) in found.iter_mut().zip(&totals_s) {
-        let ratios: Vec<f64> = totals_s[0].iter().zip(own).map(|(first, own)| first / own).collect();
+        let ratios: Vec<f64> = over(0, own);
+        found.others.extend(one.map(|one| ("over_one", median_of(over(one, own)))));
         let ends = [f64::min, f64::max].map(|end| ratios.iter().copied().reduce(end));
         found.others.extend([
             ("frames", f64::from(frames)),
@@ -83,18 +89,40 @@ pub fn measure(
             ("speedup_most", ends[1].unwrap_or(f64::NAN)),
         ]);
     }
+    let pictures = turns.renderers.iter_mut().map(|renderer| renderer.read_linear()).collect::<Result<Vec<_>, _>>()?;
+    if let Some(traced) = prepared.iter().position(|options| !options.settings.reproject) {
+        for (found, picture) in found.iter_mut().zip(&pictures) {
+            found.others.insert("flip_traced", mean_flip(&pictures[traced], picture, loaded.shot.exposure_ev)?);
+        }
+    }
     results.keep(labels, &found);
     if args.report {
         results.sections.extend(sections(measuring, &found, &reports)?);
     }
-    let pictures = turns.renderers.iter_mut().map(|renderer| renderer.read_linear()).collect::<Result<Vec<_>, _>>()?;
-    let is_same = pictures.windows(2).all(|two| same_bits(&two[0], &two[1]));
+    let is_same = (0..count).all(|which| same_bits(&pictures[which], &pictures[alike(study, which)]));
     let same = if is_same { "the same bytes" } else { "other bytes" };
-    results.note(&format!("{}, {}", labels.scene, labels.conditions), &format!("the last frames have {same}."));
+    results.note(&format!("{}, {}", labels.scene, labels.conditions), &format!("the last frames of the same settings have {same}."));
     simulate(measuring, turns, prepared, &reports, labels, results)
 }
 
-/// Predicts a frame of each arrangement on other numbers of devices, with the costs of the last arrangement.
+/// Returns the arrangement that runs on one device, if there is one.
+fn alone(study: &Study) -> Option<usize> {
+    study.arrangements.iter().position(|one| one.devices == Some(1))
+}
+
+/// Returns the last arrangement with the settings of this one.
+fn alike(study: &Study, which: usize) -> usize {
+    let of = |which: usize| study.arrangements[which].settings;
+    (which..study.arrangements.len()).rev().find(|other| of(*other) == of(which)).unwrap_or(which)
+}
+
+/// Returns the mean FLIP of all views.
+fn mean_flip(right: &PerView<RgbImage>, image: &PerView<RgbImage>, exposure_ev: f32) -> Result<f64, Failure> {
+    let of = |(right, image)| Ok(Pair::new(right, image, exposure_ev)?.errors().flip);
+    Ok(mean(&right.iter().zip(image.iter()).map(of).collect::<Result<Vec<f64>, Failure>>()?))
+}
+
+/// Predicts a frame of each arrangement on other numbers of devices, with the costs of the last one with its settings.
 fn simulate(
     measuring: &Measuring,
     turns: &Turns,
@@ -103,21 +131,25 @@ fn simulate(
     labels: &Labels,
     results: &mut Results,
 ) -> Result<(), Failure> {
-    let Measuring { study, args, .. } = measuring;
-    let model = turns.renderers.last().context("there is no arrangement")?.costs().clone();
-    let spec = reports.last().and_then(|reports| reports.last()).context("there is no frame")?.spec.clone();
+    let Measuring { study, args, loaded, .. } = measuring;
     for devices in once(args.simulate.iter().copied().map(usize::from)) {
-        let program = registered().program(&FrameSpec { devices, ..spec.clone() });
-        let model = model.on_devices(&program, &vec![1.0; devices]);
         let mut found = Vec::new();
-        for (arrangement, own) in study.arrangements.iter().zip(prepared) {
+        for (which, (arrangement, own)) in study.arrangements.iter().zip(prepared).enumerate() {
+            let (measured, devices) = (alike(study, which), arrangement.devices.unwrap_or(devices));
+            let spec = reports[measured].last().context("there is no frame")?.spec.clone();
+            let program = registered().program(&FrameSpec { devices, ..spec });
+            let model = turns.renderers[measured].costs().on_devices(&program, &vec![1.0; devices]);
             let (graph, prediction) = predict(&arrangement.distributed(own.clone(), devices), &model)?;
             let times = vec![FrameTimes::simulated(&graph, &model, &prediction)];
-            found.push(Found { times, ..Found::default() });
+            let others = Measures::from([("views", loaded.shot.rig.views as f64)]);
+            found.push(Found { times, others, ..Found::default() });
         }
-        let first = found[0].times[0].makespan_ms;
+        let ms = |found: &Found| found.times[0].makespan_ms;
+        let (first, one) = (ms(&found[0]), alone(study).map(|one| ms(&found[one])));
         for found in &mut found {
-            found.others.insert("speedup", first / found.times[0].makespan_ms);
+            let own = ms(found);
+            found.others.insert("speedup", first / own);
+            found.others.extend(one.map(|one| ("over_one", one / own)));
         }
         results.keep(&Labels { source: "simulated", devices: devices.to_string(), ..labels.clone() }, &found);
     }

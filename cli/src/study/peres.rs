@@ -39,6 +39,7 @@ pub const STUDY: Study = Study {
         Size { name: "FHD", width: 960, height: 1080, layer_radii_px: Some([144.0, 288.0]) },
         Size { name: "Quest 2", width: 1832, height: 1920, layer_radii_px: Some([265.0, 530.0]) },
     ],
+    views: None,
     cameras: &[Camera::Stepping],
     frames: 16,
     gazes_ahead: false,

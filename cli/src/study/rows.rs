@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
+use super::arrangement::Arrangement;
 use super::columns::{Cell, Column, Found};
 use super::definition::Study;
 use super::locked::PUBLISHED;
@@ -80,12 +81,13 @@ static ALL_PUBLISHED: LazyLock<BTreeMap<String, Vec<Published>>> =
 impl Study {
     /// Returns the rows of all arrangements, whose labels are `labels` but for the arrangement.
     pub fn rows(&self, labels: &Labels, all: &[Found]) -> Vec<Row> {
-        let row = |(name, found): (&str, &Found)| {
+        let row = |(one, found): (&Arrangement, &Found)| {
             let cell = Cell { found, first: &all[0] };
-            let labels = Labels { arrangement: name.to_owned(), ..labels.clone() };
+            let devices = one.devices.map_or_else(|| labels.devices.clone(), |count| count.to_string());
+            let labels = Labels { arrangement: one.name.to_owned(), devices, ..labels.clone() };
             Row { labels, values: self.columns.iter().map(|column| (column.value)(&cell)).collect() }
         };
-        self.arrangements.iter().map(|one| one.name).zip(all).map(row).collect()
+        self.arrangements.iter().zip(all).map(row).collect()
     }
 
     /// Returns the published rows.

@@ -44,7 +44,8 @@ pub fn run(study: &'static Study, args: &StudyArgs, has_shot: bool) -> Result<()
     let progress = Progress::new(runs as u64 * u64::from(frames), args.options.quiet, args.options.json);
     let mut results = Results::new(study);
     let measured = subjects.iter().try_for_each(|subject| {
-        let mut loaded = setup::load(&subject.options)?;
+        let load = if study.views.is_some() { setup::load_rig } else { setup::load };
+        let mut loaded = load(&subject.options)?;
         setup::tell_remarks(&loaded.scene);
         if study.gazes_ahead {
             loaded.shot.gaze = Gaze::default();
@@ -104,8 +105,9 @@ impl Measuring<'_> {
             let (options, measures) = self.prepare(arrangement)?;
             beside.push(measures);
             prepared.push(options.clone());
-            let gpus = setup::open_devices(&subject.options, usize::from(args.virtual_devices))?;
+            let mut gpus = setup::open_devices(&subject.options, usize::from(args.virtual_devices))?;
             path::check(args, study, gpus.len()).map_err(Failure::Input)?;
+            gpus.truncate(arrangement.devices.unwrap_or(gpus.len()));
             let options = arrangement.distributed(options, gpus.len());
             turns.add(format!("{}, {}, {}", subject.name(), conditions.name, arrangement.name), options, gpus)?;
         }
@@ -154,6 +156,7 @@ impl Measuring<'_> {
         most.fovea = most.fovea.map(|radii| subject.layer_radii.unwrap_or(radii));
         let mut measures = arrangement.adapt.map_or_else(Measures::new, |adapt| adapt(&mut options, loaded));
         measures.insert("exposure_ev", loaded.exposure_ev());
+        measures.insert("views", loaded.shot.rig.views as f64);
         measures.insert("dispatched", dispatched(&options, loaded));
         Ok((options, measures))
     }

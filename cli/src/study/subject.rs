@@ -49,6 +49,10 @@ pub fn subjects(study: &Study, args: &StudyArgs, has_shot: bool) -> Result<Vec<S
             let scaled = |length: u32| ((f64::from(length) * args.fraction).round() as u32).max(1);
             options.settings.size = Extent::new(scaled(size.width), scaled(size.height));
         }
+        if let Some(row) = &study.views {
+            options.settings.views.get_or_insert(row.count);
+            options.settings.baseline.get_or_insert(row.baseline_m);
+        }
         let layer_radii = size.layer_radii_px.map(|radii| radii.map(|px| px / f64::from(size.width)));
         Subject { options, stands_for: (*scene).to_owned(), resolution: size.name, layer_radii }
     };

@@ -162,7 +162,7 @@ fn leria_times_sequences_and_predicts_devices() {
     let frames = run.text("frames.csv");
     assert_eq!(frames.lines().count(), 1 + 2 * 2 * 3 * 3, "{frames}");
     let page = run.text("report.html");
-    for part in ["the last frames have the same bytes", "San Miguel", "3.65", "Swimlanes", "filter_once", "rasteriser"]
+    for part in ["the last frames of the same settings have the same bytes", "San Miguel", "3.65", "Swimlanes", "filter_once", "rasteriser"]
     {
         assert!(page.contains(part), "no {part}");
     }
