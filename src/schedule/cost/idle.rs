@@ -11,6 +11,8 @@ const PRIOR_VARIANCE: f64 = 1.0;
 const DRIFT: f64 = 1e-4;
 /// Variance of the logarithm of measured over predicted time, from the scatter of frames.
 const NOISE: f64 = 0.15 * 0.15;
+/// Minimum of k, above 0: views without holes take time, too, and no time per unit of work is infinite.
+const LEAST: f64 = 1e-3;
 /// Maximum of k.
 const MOST: f64 = 8.0;
 /// Maximum logarithm of measured over predicted time. Larger deviations have other causes.
@@ -58,7 +60,7 @@ impl IdleRays {
         let gain = self.variance * slope / (slope * slope * self.variance + NOISE);
         self.variance *= 1.0 - gain * slope;
         let step = gain * deviation.clamp(-LARGEST_DEVIATION, LARGEST_DEVIATION);
-        self.rays = (before + step).clamp(0.0, MOST);
+        self.rays = (before + step).clamp(LEAST, MOST);
         usual / (usual - before + self.rays)
     }
 }
@@ -89,12 +91,20 @@ mod tests {
     }
 
     #[test]
+    fn first_hole_after_frames_without_keeps_times_finite() {
+        let mut idle = IdleRays::default();
+        assert_eq!(idle.learn(0.0, None), 1.0);
+        let factor = idle.learn(0.02, Some(2.0));
+        assert!(factor.is_finite() && idle.per_pixel() == LEAST, "{factor}, {}", idle.per_pixel());
+    }
+
+    #[test]
     fn invalid_measurements_keep_the_cost_in_its_range() {
         let mut idle = IdleRays::default();
         for (rays, ratio) in [(f64::NAN, 1.0), (0.0, 0.0), (1e9, 1e9), (0.0, 1e-9), (4.0, f64::INFINITY), (4.0, -1.0)] {
             let factor = idle.learn(rays, Some(ratio));
             assert!(factor.is_finite() && factor > 0.0, "{factor}");
-            assert!((0.0..=MOST).contains(&idle.per_pixel()));
+            assert!((LEAST..=MOST).contains(&idle.per_pixel()));
         }
     }
 }
