@@ -2,7 +2,7 @@
 # # Plots of diptych's measurements
 #
 # Reads the folder given by `--out` and plots every data file in it: `frames.csv` and `run.json` of any command,
-# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv`, `koskela.csv`,
+# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `leria-lightfield.csv`, `bmfr.csv`, `koskela.csv`,
 # `andersson.csv`, `rings.csv` and `peres.csv` of `bench`. Missing files are skipped. As a program:
 #
 #     python examples/plot_runs.py out/play [FOLDER OF THE PLOTS]
@@ -208,19 +208,20 @@ if not seams.empty:
     keep(figure, "seams")
 
 # %% [markdown]
-# ## Published experiments: `leria.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv` with `rings.csv`, and `peres.csv`, `bench --study`
+# ## Published experiments: `leria.csv`, `leria-lightfield.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv` with `rings.csv`, and `peres.csv`, `bench --study`
 
 # %%
-leria = table("leria.csv")
-if not leria.empty:
+for study, shown in ("leria", "proposed"), ("leria-lightfield", "one source"):
+    leria = table(f"{study}.csv")
+    if leria.empty:
+        continue
     figure, axes = plt.subplots(figsize=(9, 4))
     leria["what"] = leria["scene"] + ", " + leria["source"] + leria["devices"].map(lambda n: "" if n != n else f" {n:.0f}")
-    proposed = leria[leria["arrangement"] == "proposed"]
-    proposed.plot.bar(x="what", y="speedup", ax=axes, rot=20, legend=False)
+    leria[leria["arrangement"] == shown].plot.bar(x="what", y="speedup", ax=axes, rot=20, legend=False)
     axes.axhline(1.0, color="grey", linewidth=0.8)
     axes.set_xlabel("")
     axes.set_ylabel("speed-up over the baseline")
-    keep(figure, "leria")
+    keep(figure, study)
 
 # %%
 bmfr = table("bmfr.csv")

@@ -43,7 +43,10 @@ pub const FLAGS: [(&str, &str); 9] = [
     ),
     ("play", LOOP),
     ("view", LOOP),
-    ("scale", "views sources baseline size spp bounces denoiser iterations reproject seam devices threads_per_device balance ratios"),
+    (
+        "scale",
+        "views sources baseline size spp bounces denoiser iterations reproject seam devices threads_per_device balance ratios",
+    ),
     ("bench", "size reproject threads_per_device balance"),
     ("study", "views size threads_per_device"),
     ("graph", "views sources size denoiser foveation reproject seam balance ratios aov"),

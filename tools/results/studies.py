@@ -31,6 +31,25 @@ STUDIES = {
             column("denoising_ms", "denoising, ms", 1),
         ],
     ),
+    "leria-lightfield": (
+        "Leria et al. 2024: light fields",
+        ("--virtual", 2, "--threads-per-device", 1),
+        "Eight views 5 mm apart. Baseline: path tracing on all devices, all other stages on the primary. FLIP is against "
+        "traced views. Stages: time per frame, all views, mean over the devices that run them; denoising is per view.",
+        [
+            column("total_s", "all, s", 3),
+            column("frames_per_s", "frames/s", 2),
+            column("time_ms", "frame, ms", 1),
+            column("speedup", "over baseline", 2),
+            column("over_one", "over one device", 2),
+            column("flip_traced", "FLIP", 4),
+            column("path_tracing_ms", "path tracing, ms", 1),
+            column("reprojection_ms", "reprojection, ms", 2),
+            column("shared_holes_ms", "shared holes, ms", 2),
+            column("hole_filling_ms", "hole filling, ms", 2),
+            column("denoising_ms", "denoising, ms", 1),
+        ],
+    ),
     "bmfr": (
         "Xu, Tong & Xu: dependent features of BMFR",
         ("--conditions", "published,today,each"),
@@ -96,7 +115,7 @@ def measure_study(name):
         # Peres has 24 references, several of 230x240 pixels: with all samples they take more than an hour on two cores.
         reference_spp = options.reference_spp // 4 if name == "peres" else options.reference_spp
         arguments = ("--fraction", options.fraction, "--reference-spp", reference_spp, *more)
-        if name == "leria":
+        if name.startswith("leria"):
             arguments = ("--fraction", options.fraction, *more)
         said = driver.program_says("study", name, *arguments, "--json", "--out", options.out / "study")
         rows = json.loads(said.splitlines()[-1])["rows"]

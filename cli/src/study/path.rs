@@ -101,7 +101,10 @@ pub fn measure(
     }
     let is_same = (0..count).all(|which| same_bits(&pictures[which], &pictures[alike(study, which)]));
     let same = if is_same { "the same bytes" } else { "other bytes" };
-    results.note(&format!("{}, {}", labels.scene, labels.conditions), &format!("the last frames of the same settings have {same}."));
+    results.note(
+        &format!("{}, {}", labels.scene, labels.conditions),
+        &format!("the last frames of the same settings have {same}."),
+    );
     simulate(measuring, turns, prepared, &reports, labels, results)
 }
 

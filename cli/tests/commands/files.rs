@@ -11,7 +11,7 @@ use crate::runs::{self, run};
 use crate::schema;
 
 /// Studies over several shots or many views, which write no run.json.
-const WITHOUT_RUN_JSON: [&str; 5] = ["leria", "bmfr", "koskela", "andersson", "peres"];
+const WITHOUT_RUN_JSON: [&str; 6] = ["leria", "leria-lightfield", "bmfr", "koskela", "andersson", "peres"];
 
 #[test]
 fn run_json_fits_its_schema() {
@@ -78,6 +78,7 @@ fn frames_csv_has_a_line_per_frame() {
         ("bench", 5 * 5, 2),
         ("seams", 4 * 2, 1),
         ("leria", 2 * 2 * 3 * 3, 5),
+        ("leria-lightfield", 2 * 5 * 3 * 2, 5),
         ("koskela", 2 * 5 * 2, 5),
         ("andersson", 2 * 7 * (2 + 2), 5),
         ("peres", 2 * 6 * 2, 5),
@@ -113,6 +114,7 @@ fn csv_files_are_tidy() {
         ("andersson", "andersson.csv"),
         ("koskela", "koskela.csv"),
         ("bmfr", "bmfr.csv"),
+        ("leria-lightfield", "leria-lightfield.csv"),
         ("leria", "leria.csv"),
         ("seams", "seams.csv"),
         ("bench", "frames.csv"),
@@ -199,6 +201,7 @@ fn example_plots_every_kind_of_file() {
         ("bench", &["frames", "bench"]),
         ("seams", &["frames", "stages", "seams"]),
         ("leria", &["frames", "leria"]),
+        ("leria-lightfield", &["frames", "leria-lightfield"]),
         ("bmfr", &["bmfr", "frames"]),
         ("koskela", &["frames", "koskela"]),
         ("andersson", &["andersson", "frames"]),

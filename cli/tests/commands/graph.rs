@@ -32,6 +32,16 @@ fn graph_prints_passes_and_transfers() {
 }
 
 #[test]
+fn graph_has_passes_of_all_views() {
+    let text = graph("--views 4 --sources 3 --virtual 2");
+    let views = |pass: &str| lines(&text, pass).iter().map(|cells| cells[2].to_owned()).collect::<Vec<_>>();
+    assert_eq!(views("path_trace"), ["view00", "view01", "view03"]);
+    assert_eq!((views("reproject"), views("resolve").len()), (vec!["view02".to_owned()], 4));
+    let left_out = |stage: &str, who: &str| text.lines().any(|line| line.starts_with(stage) && line.contains(who));
+    assert!(left_out("select", "4 views") && left_out("path_trace", "view02"), "{text}");
+}
+
+#[test]
 fn graph_json_equals_its_text() {
     let options = "--virtual 2 --set halo=exchange";
     let (text, json) = (graph(options), graph(&format!("{options} --json")));

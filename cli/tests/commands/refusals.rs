@@ -159,6 +159,8 @@ fn rejects_invalid_options_of_studies() {
     let table = "
     study {leria bmfr koskela andersson peres seams} missing.toml --out ./out => missing.toml
     study leria builtin:cornell --set devices=0 --out ./out => two devices | --virtual 2
+    study leria builtin:cornell --virtual 2 --views 3 --out ./out => takes two views | 3
+    study leria --set sources=3 --out ./out => study leria | sources
     study leria --repeats 3 --out ./out => study leria | --repeats
     study leria --virtual 2 --set ratios=1,2 --out ./out => --simulate | ratios
     study {leria seams} --set balance=even --set ratios=1,2 --out ./out => ratios | balance=static

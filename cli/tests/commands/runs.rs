@@ -19,6 +19,8 @@ bench: bench builtin:cornell --size 40x24 --quick --spp 1,2 --bounces 2 --denois
 seams: study seams builtin:checker --size 64x40 --counts 1,2 --warm-up 1 --repeats 2 --reference-spp 32 --report
 leria: study leria builtin:cornell --size 40x24 --fraction 0.03 --virtual 2 --threads-per-device 1 --simulate 4,4,2 \
     --report
+leria-lightfield: study leria-lightfield builtin:cornell --size 40x24 --views 5 --fraction 0.1 --virtual 2 \
+    --threads-per-device 1 --report
 bmfr: study bmfr builtin:checker --size 32x20 --warm-up 0 --repeats 2 --reference-spp 16 --conditions published,each
 koskela: study koskela builtin:checker --size 64x40 --warm-up 0 --repeats 2 --reference-spp 16 --report
 andersson: study andersson builtin:cornell --size 64x40 --fraction 0.1 --repeats 2 --reference-spp 16 --report

@@ -63,6 +63,19 @@ fn all_counts_have_equal_threads_per_device() {
     assert_eq!(simulated[0]["measured_ms"], rows[1]["makespan_ms"]);
 }
 
+#[test]
+fn same_bytes_of_scaled_rows_of_views() {
+    let folder = Folder::new();
+    let result = scale(&folder, "--views 3 --baseline 0.01 --counts 2 --simulate 4 --report");
+    assert!(folder.text("report.html").contains("All counts gave the same bytes."));
+    let simulated: Vec<_> = result["simulated"].as_array().unwrap().iter().map(|row| &row["devices"]).collect();
+    assert_eq!(simulated, [4, 1, 2]);
+    let run = folder.json("run.json");
+    let stages = run["frames"][0]["stages"].as_array().unwrap();
+    let views = |stage: &str| stages.iter().filter(|sum| sum["stage"] == stage).count();
+    assert_eq!((views("path_trace"), views("reproject"), views("svgf")), (1, 2, 3), "{stages:?}");
+}
+
 /// Counts may be given in any order.
 #[test]
 fn speedup_is_relative_to_one_device() {

@@ -162,8 +162,45 @@ fn leria_times_sequences_and_predicts_devices() {
     let frames = run.text("frames.csv");
     assert_eq!(frames.lines().count(), 1 + 2 * 2 * 3 * 3, "{frames}");
     let page = run.text("report.html");
-    for part in ["the last frames of the same settings have the same bytes", "San Miguel", "3.65", "Swimlanes", "filter_once", "rasteriser"]
-    {
+    for part in [
+        "the last frames of the same settings have the same bytes",
+        "San Miguel",
+        "3.65",
+        "Swimlanes",
+        "filter_once",
+        "rasteriser",
+    ] {
+        assert!(page.contains(part), "no {part}");
+    }
+}
+
+#[test]
+#[ignore = "renders many pictures: `make test-full` runs it"]
+fn light_fields_scale_over_devices() {
+    let run = run("leria-lightfield");
+    for conditions in ["published", "today"] {
+        let rows = rows(run, conditions);
+        let devices: Vec<&str> = rows.iter().map(|row| row["devices"].as_str().unwrap()).collect();
+        assert_eq!(devices, ["2", "1", "2", "2", "2", "4", "1", "4", "4", "4"]);
+        for row in &rows {
+            let arrangement = row["arrangement"].as_str().unwrap();
+            assert!(number(&row["views"]) == 5.0 && number(&row["denoising_ms"]) > 0.0, "{row}");
+            assert_eq!(number(&row["speedup"]) == 1.0, arrangement == "baseline", "{row}");
+            assert_eq!(number(&row["over_one"]) == 1.0, arrangement == "one device", "{row}");
+            assert_eq!(row["hole_filling_ms"].is_f64(), arrangement != "traced", "{row}");
+            let shares = conditions == "today" && arrangement != "traced";
+            assert_eq!(row["shared_holes_ms"].is_f64(), shares, "{row}");
+        }
+        let flips: Vec<f64> = rows[..5].iter().map(|row| number(&row["flip_traced"])).collect();
+        assert!(flips[0] == flips[1] && flips[1] == flips[2] && flips[2] != flips[3], "{flips:?}");
+        assert!(flips[3] > 0.0 && flips[4] == 0.0, "{flips:?}");
+        // Four devices with the costs of two share all work but that of the first one.
+        let [scaled, alone] = [&rows[7], &rows[6]].map(|row| number(&row["path_tracing_ms"]));
+        assert!(scaled < 0.5 * alone, "{scaled} and {alone}");
+    }
+    assert_eq!(cited(run), 4);
+    let page = run.text("report.html");
+    for part in ["the last frames of the same settings have the same bytes", "4.63", "DaSH", "share_holes"] {
         assert!(page.contains(part), "no {part}");
     }
 }
