@@ -15,9 +15,10 @@ pub const STUDY: Study = Study {
         [
             "Makespan",
             "Baseline: path tracing of the source on all devices, all other stages on the primary, as in the study leria. \
-             One device, one source, three sources: every stage on all of these devices. Traced: no view is reprojected. \
-             Sequences of frames along the path take turns. all s: median makespan of a sequence. frame ms: median \
-             makespan of a frame. speed-up: over the baseline. over one: over one device; medians of three sequences. \
+             One device, one source, several sources (three; in the paper four): every stage on all of these devices. \
+             Traced: every view is path traced. Sequences of frames along the path take turns. all s: median makespan of \
+             a sequence. frame ms: that of a frame. speed-up: over the baseline. over one: over one device; medians of \
+             three sequences. \
              FLIP: mean over views of the last frame against that of traced; noise is a part of it. Simulated: one frame \
              on a virtual clock with the costs measured on all devices, also for one device.",
         ],
@@ -51,7 +52,7 @@ pub const STUDY: Study = Study {
         Arrangement { distributes: Some(&["path_trace"]), ..Arrangement::new("baseline", &[]) },
         Arrangement { devices: Some(1), ..Arrangement::new("one device", &[]) },
         Arrangement::new("one source", &[]),
-        Arrangement::new("three sources", &[("sources", "3")]),
+        Arrangement::new("several sources", &[("sources", "3")]),
         Arrangement::new("traced", &[("reproject", "off")]),
     ],
     columns: &[
