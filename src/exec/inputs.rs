@@ -23,7 +23,7 @@ pub struct Inputs {
     pub relative_cost: RelativeCost,
     /// Constants of the previous frame.
     pub previous: layout::Previous,
-    /// Each view of this and of the previous frame; empty for two eyes, which the constants have.
+    /// Each view of this and of the previous frame.
     pub views: Vec<[layout::View; 2]>,
     /// Changes to the scene tables.
     pub update: SceneUpdate,
@@ -45,17 +45,15 @@ impl Inputs {
     /// Returns the number of samples in the images of all views.
     pub(super) fn samples(&self) -> u64 {
         let layout::Frame { camera, sampling, .. } = self.constants;
-        let views = if self.views.is_empty() { 2 } else { self.views.len() as u64 };
-        views * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.samples.most())
+        self.views.len() as u64
+            * u64::from(camera.width)
+            * u64::from(camera.height)
+            * u64::from(sampling.samples.most())
     }
 
     /// Returns the number of pixels of each view's traced image.
     pub(super) fn pixels(&self, config: &RunConfig) -> Vec<u64> {
-        let of_view = |view: &layout::View| config.pixels(view);
-        match self.views.is_empty() {
-            true => self.constants.camera.views.iter().map(of_view).collect(),
-            false => self.views.iter().map(|[now, _]| of_view(now)).collect(),
-        }
+        self.views.iter().map(|[now, _]| config.pixels(now)).collect()
     }
 
     /// Returns the search range of the frame's temporal reprojection, in rows above and below. Returns `None` if the

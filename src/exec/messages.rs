@@ -53,7 +53,7 @@ pub struct FrameJob {
     /// Constants of the previous frame.
     #[serde(with = "wire::pod")]
     pub previous: layout::Previous,
-    /// Each view of this and of the previous frame; empty for two eyes, which the constants have.
+    /// Each view of this and of the previous frame.
     #[serde(with = "wire::pods")]
     pub views: Vec<[layout::View; 2]>,
     /// Changes to the scene tables.

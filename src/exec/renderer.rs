@@ -39,7 +39,7 @@ pub struct Renderer {
     /// The latest plan and its graph.
     pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     pub(super) frames: Frames,
-    /// Constants of the last frame that was begun, its views unless they are two, and its time in the scene, in seconds.
+    /// Constants of the last frame that was begun, its views, and its time in the scene, in seconds.
     last: Option<(layout::Previous, Vec<layout::View>, f64)>,
     /// Images that frames gather on the primary; `None` gathers all outputs.
     outputs: Option<Vec<Output>>,

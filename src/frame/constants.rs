@@ -12,8 +12,8 @@ use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 use crate::tables::SceneTables;
 
-/// Returns the constants of a frame, which have its outermost views, and all views unless there are only two. They declare
-/// that there is no history; a caller that has one sets `history`.
+/// Returns the constants of a frame, which have its outermost views, and all views. They declare that there is no history;
+/// a caller that has one sets `history`.
 pub fn constants(
     config: &RunConfig,
     params: &FrameParams,
@@ -80,20 +80,20 @@ pub fn constants(
         ..Default::default()
     };
     tables.describe(&mut frame);
-    (frame, if views.len() == 2 { Vec::new() } else { views })
+    (frame, views)
 }
 
 /// Returns the constants of each view. The entries of `views` are a view of this and of the previous frame. In the
 /// constants of a view, the first camera is that of its source, and the second one its own; it has random numbers of its
 /// own. Another set for each view follows, in which the first camera is that of its partner. Two eyes share one set of
-/// constants; `views` is then empty.
+/// constants.
 pub fn of_views(
     frame: &layout::Frame,
     previous: &layout::Previous,
     views: &[[layout::View; 2]],
     sources: usize,
 ) -> Vec<(layout::Frame, layout::Previous)> {
-    if views.is_empty() {
+    if views.len() == 2 {
         return vec![(*frame, *previous)];
     }
     let of_view = |(eye, other): (Eye, Eye)| {

@@ -133,7 +133,7 @@ fn compare([gloss, sparse, layers]: [bool; 3], count: u32, seed: u64, expected: 
         let kernel = Kernel::new("atrous", &overrides);
         let (place, args) = ((&constants, &stripe, view), [step, inverse_sigma2.to_bits(), blind]);
         let unpack = |bits| format.unpack_sampled(bits);
-        let filter = Filter::run(&kernel, &mut random, place, args, [&guide, &source], unpack);
+        let filter = Filter::run(&kernel, &mut random, place, args, [&guide, &source], None, unpack);
         let twin = Twin { filter, sparse, step, inverse_sigma2: inverse_sigma2.into(), blind_iterations: blind };
         for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);

@@ -5,20 +5,25 @@ use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, MIXED, NO_NORMAL};
 
-/// Number of pixels that one workgroup of the list's dispatch traces.
-const GROUP: u32 = diptych::graph::LIST_GROUP;
+pub use diptych::graph::LIST_GROUP;
 
 /// Returns an empty list of holes: its length, the three sizes of the dispatch over it, and room for `area` pixels.
 pub fn empty_list(area: usize) -> Vec<u32> {
     [0, 0, 1, 1].into_iter().chain(std::iter::repeat_n(0xdead_beef, area)).collect()
 }
 
-/// Asserts that a list contains these pixels, in any order, and dispatches enough workgroups.
+/// Returns a list of these pixels, for a dispatch of workgroups that handle `group` of them.
+pub fn list_of(pixels: &[u32], group: u32) -> Vec<u32> {
+    let count = pixels.len() as u32;
+    [count, count.div_ceil(group), 1, 1].into_iter().chain(pixels.iter().copied()).collect()
+}
+
+/// Asserts that a list contains these pixels, in any order, and dispatches enough workgroups, which handle `group` each.
 #[track_caller]
-pub fn assert_lists(list: &[u32], mut pixels: Vec<u32>) {
+pub fn assert_lists(list: &[u32], group: u32, mut pixels: Vec<u32>) {
     let count = pixels.len();
     assert_eq!(list[0] as usize, count, "pixels that are counted");
-    assert_eq!(list[1..4], [(count as u32).div_ceil(GROUP), 1, 1], "workgroups for {count} pixels");
+    assert_eq!(list[1..4], [(count as u32).div_ceil(group), 1, 1], "workgroups for {count} pixels");
     let mut listed = list[4..4 + count].to_vec();
     listed.sort_unstable();
     pixels.sort_unstable();
@@ -84,7 +89,7 @@ fn compare(layers: bool, view: usize, width: u32, seed: u64) {
             assert_eq!(Counts::unpack(selected.tally[at]), Counts { why, ..Counts::unpack(tally[at]) }, "({x}, {y})");
             assert_eq!(selected.radiance[at], [0; 4], "({x}, {y})");
         }
-        assert_lists(&selected.list, wanted);
+        assert_lists(&selected.list, LIST_GROUP, wanted);
     }
     cases.assert_met(&["left to the denoiser", "sampled", "rim"]);
 }
@@ -126,6 +131,6 @@ fn pixels_are_dispatched_in_whole_groups() {
         let (zero, tally) = (vec![[0; 4]; count as usize], vec![0; count as usize]);
         let stripe = Stripe { rows: 0..1, valid: 0..1 };
         let selected = select(&constants, &stripe, 0, [&zero, &zero, &zero], &tally);
-        assert_lists(&selected.list, (0..count).collect());
+        assert_lists(&selected.list, LIST_GROUP, (0..count).collect());
     }
 }

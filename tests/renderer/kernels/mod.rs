@@ -39,5 +39,6 @@ mod mask_compaction;
 mod svgf;
 mod tally;
 mod tonemap;
+mod unfinished;
 mod variance;
 mod visual_polar;

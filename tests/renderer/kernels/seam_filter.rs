@@ -64,7 +64,8 @@ fn compare(gloss: bool, seed: u64) {
             .collect();
         let kernel = Kernel::new("seam_filter", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]);
         let (place, args) = ((&constants, stripe, view), [INVERSE_SIGMA2.to_bits(), 0, 0]);
-        let filter = Filter::run(&kernel, &mut random, place, args, [&guide, &source], |bits| format.unpack(bits));
+        let filter =
+            Filter::run(&kernel, &mut random, place, args, [&guide, &source], None, |bits| format.unpack(bits));
         for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
             let (got, place) = (filter.filtered[at], format!("({x}, {y}) of {stripe:?}"));

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use super::camera::Constants;
 use super::edges::Surface;
-use super::filters::Filter;
+use super::filters::{Filter, listed};
 use super::harness::Kernel;
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{FINISHED, Format, LEAST_WEIGHT, Light, MISSING, MeanLight, UNKNOWN, UNSEEN_SQUARE, is_absent};
@@ -33,10 +33,6 @@ impl Filter<'_, Light> {
         // A layer with K iterations takes part in the first K.
         if foveation.layers && iteration >= foveation.layer_iterations[self.constants.layer((x, y), self.view)] {
             cases.meet("another layer's iteration");
-            return Filtered::Kept;
-        }
-        if self.source[at].variance.x == FINISHED {
-            cases.meet("finished");
             return Filtered::Kept;
         }
         let mut channel = |light, luminance| self.channel(iteration, (x, y), surface, light, luminance, cases);
@@ -122,6 +118,7 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
                 let variance = match random.bits() % 6 {
                     0 => DVec2::splat(MISSING),
                     1 => DVec2::splat(UNKNOWN),
+                    // Finished light is not listed.
                     5 => DVec2::splat(FINISHED),
                     // Exclude such bright light: the shader divides its square by the variance.
                     2 if unit <= 1.0 => DVec2::ZERO,
@@ -136,11 +133,23 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
             })
             .collect();
         let kernel = Kernel::new("svgf", &overrides);
-        let (place, args) = ((&constants, &stripe, view), [1 << iteration, SIGMA2.to_bits(), iteration]);
-        let filter = Filter::run(&kernel, &mut random, place, args, [&guide, &source], |bits| format.unpack(bits));
+        let part = u32::from(random.chance(0.5));
+        let (place, args) = ((&constants, &stripe, view), [part, SIGMA2.to_bits(), iteration]);
+        let is_finished = |at: usize| format.unpack(source[at]).variance.x == FINISHED;
+        let listed = listed(&mut random, constants.area(), is_finished);
+        let inputs = [&guide[..], &source];
+        let filter = Filter::run(&kernel, &mut random, place, args, inputs, Some(&listed), |bits| format.unpack(bits));
         for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
             let (got, place) = (filter.filtered[at], format!("({x}, {y}) of iteration {iteration}, {stripe:?}"));
+            if part != 0 && !listed.contains(&(at as u32)) {
+                cases.meet("not listed");
+                assert_eq!(got, filter.before[at], "{place}");
+                continue;
+            }
+            if is_finished(at) {
+                continue;
+            }
             match filter.svgf(iteration, (x, y), &mut cases) {
                 Filtered::Black => assert_eq!(got, [0; 4], "{place}"),
                 Filtered::Kept => assert_eq!(got, source[at], "{place}"),
@@ -152,7 +161,7 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
             }
         }
     }
-    cases.assert_met(&["no surface", "filtered", "filled", "finished", "nothing around", "an absent lobe"]);
+    cases.assert_met(&["no surface", "filtered", "filled", "not listed", "nothing around", "an absent lobe"]);
     cases.assert_met(expected);
 }
 

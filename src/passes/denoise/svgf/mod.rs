@@ -50,7 +50,7 @@ arguments! {
 
 arguments! {
     struct SvgfArguments {
-        /// As in `VarianceArguments`.
+        /// 0 for all pixels, n for the nth part of the listed ones, as in `VarianceArguments`.
         pub list_part: u32,
         /// Squared width of the luminance edge-stopping function.
         pub sigma2: f32,

@@ -10,7 +10,7 @@ use super::camera::{Constants, Eye};
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Outputs, Override, Stripe};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::mask_compaction::{assert_lists, empty_list};
+use super::mask_compaction::{LIST_GROUP, assert_lists, empty_list, list_of};
 use super::pack::{
     Counts, Format, Light, MATERIAL_MASK, MIRRORED, MIXED, UNKNOWN, VIEW_DEPENDENT, pack_guide, position,
 };
@@ -41,8 +41,8 @@ impl Eyes {
 }
 
 fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bool) -> Eyes {
-    // Bumps and tilts are near the thresholds, which are larger in outer layers.
-    let wall = if constants.foveation.layers { Wall::new(0.008, 0.2, 0.05) } else { Wall::new(0.003, 0.1, 0.05) };
+    // Bumps and tilts are near the thresholds. That of bumps is larger in outer layers.
+    let wall = Wall::new(if constants.foveation.layers { 0.008 } else { 0.003 }, 0.32, 0.05);
     let area = constants.area();
     let mut hit = || -> Vec<[u32; 4]> {
         let flags = |random: &mut Random| match random.bits() % 20 {
@@ -108,6 +108,32 @@ fn run(
     Kernel::new("reproject", overrides).run(constants, stripe.pass(1, [0; 3]), constants.width, &buffers)
 }
 
+/// Takes over the light of listed pixels from a partner that shows what the left eye does.
+fn share(
+    constants: &Constants,
+    stripe: &Stripe,
+    overrides: &[Override],
+    eyes: &Eyes,
+    before: &[[u32; 4]],
+    tally: &[u32],
+    listed: &[u32],
+) -> Outputs {
+    let image = |pixels: &[[u32; 4]]| stripe.own(constants.width, pixels);
+    let buffers = [
+        ("left_hit", image(&eyes.hit[0])),
+        ("left_guide", image(&eyes.guide[0])),
+        ("left_radiance", image(&eyes.left_radiance)),
+        ("hit_image", image(&eyes.hit[1])),
+        ("guide_image", image(&eyes.guide[1])),
+        ("radiance_image", Buffer::image(before)),
+        ("tally_image", Buffer::image(tally)),
+        ("holes", Buffer::whole(&list_of(listed, LIST_GROUP))),
+        ("unshared", Buffer::whole(&empty_list(constants.area()))),
+    ];
+    let groups = [(listed.len() as u32).div_ceil(LIST_GROUP), 1];
+    Kernel::new("share_holes", overrides).run_groups(constants, stripe.pass(1, [0, 1, 0]), groups, &buffers)
+}
+
 fn compare(
     [gloss, sparse, accepts_mixed]: [bool; 3],
     adjust: impl Fn(&mut Constants),
@@ -161,7 +187,25 @@ fn compare(
             }
             assert_eq!(Counts::unpack(counted[at]), Counts { why, ..Counts::unpack(tally[at]) }, "{place}");
         }
-        assert_lists(&outputs.get::<u32>("holes"), holes);
+        assert_lists(&outputs.get::<u32>("holes"), LIST_GROUP, holes);
+        if !sparse {
+            let listed: Vec<u32> = (0..constants.area() as u32).filter(|_| random.chance(0.5)).collect();
+            let outputs = share(&constants, stripe, &overrides, &eyes, &before, &counted, &listed);
+            let (shared, recounted) = (outputs.get::<[u32; 4]>("radiance_image"), outputs.get::<u32>("tally_image"));
+            let mut unshared = Vec::new();
+            for (x, y) in stripe.pixels(WIDTH) {
+                let at = constants.index(x, y);
+                let is_listed = listed.contains(&(at as u32));
+                let is_taken_over =
+                    is_listed && matches!(twin.fate((x, y), &pixel(1, at), &mut cases), Fate::Gathered(_));
+                assert_eq!(shared[at], if is_taken_over { radiance[at] } else { before[at] }, "({x}, {y})");
+                let counts = Counts::unpack(counted[at]);
+                let why = if is_taken_over { 0 } else { counts.why };
+                assert_eq!(Counts::unpack(recounted[at]), Counts { why, ..counts }, "({x}, {y})");
+                unshared.extend((is_listed && !is_taken_over).then_some(at as u32));
+            }
+            assert_lists(&outputs.get::<u32>("unshared"), LIST_GROUP, unshared);
+        }
     }
     cases.assert_met(&["gathered", "sky", "outside", "normal", "distance", "material", "mixed", "view"]);
     cases.assert_met(&["gathered in a mirror", "gathered outside", "view in a mirror"]);
@@ -242,7 +286,7 @@ fn reproject_reads_one_pixel_at_whole_disparities() {
             assert!(format.holds_sampled(gathered[x as usize], &want, 1e-5), "pixel {x}: {got:?} instead of {want:?}");
         }
     }
-    assert_lists(&outputs.get::<u32>("holes"), vec![5, 14, 15]);
+    assert_lists(&outputs.get::<u32>("holes"), LIST_GROUP, vec![5, 14, 15]);
 }
 
 #[test]
@@ -254,6 +298,6 @@ fn reproject_dispatches_holes_in_whole_workgroups() {
         let eyes = Eyes { hit, guide: [zero.clone(), zero.clone()], left_radiance: zero.clone() };
         let stripe = Stripe { rows: 0..1, valid: 0..1 };
         let outputs = run(&constants, &stripe, &PLAIN, &eyes, &zero, &vec![0; count as usize]);
-        assert_lists(&outputs.get::<u32>("holes"), (0..count).collect());
+        assert_lists(&outputs.get::<u32>("holes"), LIST_GROUP, (0..count).collect());
     }
 }

@@ -79,7 +79,7 @@ fn refusal(
     if wanted.normal.dot(seen.position - wanted.position).abs() >= 0.005 * slack * reach {
         return Some(Why::Distance);
     }
-    if wanted.normal.dot(seen.normal) <= 1.0 - 0.01 * slack {
+    if wanted.normal.dot(seen.normal) <= 0.9 {
         return Some(Why::Normal);
     }
     let apart = left.image.distance(right.image);
