@@ -145,7 +145,7 @@ mod tests {
         let graph = FrameGraph::build(&Declarations::default().program(&spec), &stripes, Some(&stripes));
         let passes = passes_table(&graph.program).rows;
         let variance = passes.iter().find(|row| row[1] == "variance").unwrap();
-        assert_eq!(variance[6..], ["guide ±3, filtered ±3", "filtered"]);
+        assert_eq!(variance[6..], ["guide ±3, filtered ±3, unfinished", "filtered"]);
         let tally = passes.iter().find(|row| row[1] == "tally").unwrap();
         assert_eq!(tally[6..], ["tally", "row_tally"]);
         let reproject = passes.iter().find(|row| row[1] == "reproject").unwrap();

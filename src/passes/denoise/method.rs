@@ -46,7 +46,7 @@ impl Light {
     }
 
     /// Returns the images like [`Self::advance`], for a pass that takes over filtered light.
-    pub(in crate::passes) fn finish_part(&mut self) -> (Image, Image) {
+    pub fn finish_part(&mut self) -> (Image, Image) {
         self.is_partly_finished = true;
         self.advance()
     }
