@@ -11,7 +11,7 @@ SHARED = 16
 BASELINE_M = 0.005
 WARM_UP, FRAMES = 2, 3
 HOLES = ("share_holes", "hole_fill")
-SAMPLES_OF_REFERENCES = 64
+SAMPLES_OF_REFERENCES = 32
 # The views of every row are the middle ones of the longest.
 MOST = COUNTS[-1]
 
@@ -55,7 +55,7 @@ def flips(driver, options, name, shot):
     driver.run("render", shot, *row_of(MOST), "--size", half, "--reference", "--spp", SAMPLES_OF_REFERENCES, out=right)
 
     def judged(count, *args):
-        driver.run("render", shot, *row_of(count), "--size", half, "--spp", 1, "--warm-up", 7, *args)
+        driver.run("render", shot, *row_of(count), "--size", half, "--spp", 1, "--warm-up", 3, *args)
         stems = ("left", "right") if count == 2 else [f"view{view:02}" for view in range(count)]
         places = range((MOST - count) // 2, MOST)
         pairs = [(right / f"view{place:02}.exr", driver.out / f"{stem}.exr") for place, stem in zip(places, stems)]
@@ -89,7 +89,7 @@ def measure_views(options, drivers):
         "note": f"{options.size} per view, 1 sample per pixel, {BASELINE_M * 1000:.0f} mm between neighbours, one source, one "
         "device. Times of all stages, means over the views that are not the source; those of holes are means over inner "
         f"views, which share them with the outermost ones. FLIP of reprojected over that of traced views, both denoised, "
-        f"eighth frame at half of this size, against references of {SAMPLES_OF_REFERENCES} samples: mean and largest of "
+        f"fourth frame at half of this size, against references of {SAMPLES_OF_REFERENCES} samples: mean and largest of "
         "all views.",
         "columns": [
             column("scene", "scene"),
