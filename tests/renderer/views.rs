@@ -124,6 +124,7 @@ fn shared_holes_are_traced_once() {
         assert_eq!((shared.0[outer], shared.1[outer]), (own.0[outer], own.1[outer]));
     }
     for view in inner {
+        // Light of shared holes is resampled twice, and has other samples: views have up to 1.4 % more FLIP, or less.
         assert!(shared.1[view] < 1.03 * own.1[view], "{shared:?} {own:?}");
     }
 }
