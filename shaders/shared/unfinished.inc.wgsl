@@ -1,9 +1,6 @@
 // Pixels of a filter that runs on all pixels of its rows, or on those that `select_unfinished` has listed.
 
-//!include frame grid projection bindings
-
-// Number of listed pixels for each workgroup.
-const UNFINISHED_GROUP: u32 = 64u;
+//!include frame grid projection variance bindings
 
 struct Place {
     pixel: vec2<u32>,

@@ -6,9 +6,6 @@
 var<workgroup> listed_here: atomic<u32>;
 var<workgroup> first_slot: u32;
 
-// Number of listed pixels for each workgroup of the filter, as in `unfinished.inc.wgsl`.
-const UNFINISHED_GROUP: u32 = 64u;
-
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
     if lane == 0u {
