@@ -1,6 +1,7 @@
 """The program under measurement, on one driver."""
 
 import json
+import os
 import re
 import shlex
 import shutil
@@ -22,15 +23,16 @@ class Driver:
         mesa = re.search(r"Mesa [\d.]*\d", self.full)
         self.name = mesa[0] if mesa else self.full
 
-    def run(self, *args, out=None):
-        """Runs a command into `out`, which it empties."""
+    def run(self, *args, out=None, caches=None):
+        """Runs a command into `out`, which it empties. Drivers keep compiled pipelines in `caches`."""
         out = out or self.out
         shutil.rmtree(out, ignore_errors=True)
-        return self.program_says(*args, "--quiet", "--out", out)
+        return self.program_says(*args, "--quiet", "--out", out, caches=caches)
 
-    def program_says(self, *args):
+    def program_says(self, *args, caches=None):
         command = [*self.command, self.program, *map(str, args)]
-        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+        environment = os.environ | ({"MESA_SHADER_CACHE_DIR": str(caches)} if caches else {})
+        done = subprocess.run(command, stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment)
         if done.returncode != 0:
             sys.exit(f"it failed: {shlex.join(command)}")
         return done.stdout

@@ -19,10 +19,12 @@ from driver import ROOT, Driver
 
 sys.path.append(str(ROOT / "docs/results/peers"))
 
+from loop import measure_loop  # noqa: E402
 from machine import processor  # noqa: E402
 from peers import measure_peers  # noqa: E402
 from quiet import Meanwhile, wait_for_quiet  # noqa: E402
 from tables import measure_drivers, measure_flip, measure_play, measure_scale, say  # noqa: E402
+from starts import measure_host, measure_starts  # noqa: E402
 from studies import MEASUREMENTS as STUDIES  # noqa: E402
 from text import write  # noqa: E402
 from views import measure_views  # noqa: E402
@@ -30,11 +32,11 @@ from views import measure_views  # noqa: E402
 # Sizes and counts of a real run, and of a smoke test.
 REAL = argparse.Namespace(
     size="320x180", scale_size="640x360", reference_spp=512, turns=2, plays=3, play_frames=600, peers_spp=1024, rounds=2,
-    fraction=0.125,
+    fraction=0.125, large=(2_000_000, 10_000_000), host_frames=(40, 240), loop_size="96x54", loop_frames=240,
 )
 SMOKE = argparse.Namespace(
     size="48x27", scale_size="64x36", reference_spp=8, turns=2, plays=1, play_frames=40, peers_spp=16, rounds=1,
-    fraction=0.03,
+    fraction=0.03, large=(20_000,), host_frames=(10, 20), loop_size="48x27", loop_frames=20,
 )
 
 MEASUREMENTS = {
@@ -42,7 +44,10 @@ MEASUREMENTS = {
     "play": measure_play,
     "scale": measure_scale,
     "drivers": measure_drivers,
+    "loop": measure_loop,
     "views": measure_views,
+    "starts": measure_starts,
+    "host": measure_host,
     "peers": measure_peers,
     **STUDIES,
 }

@@ -13,12 +13,14 @@ from tables import FRAMES, WITH_HISTORY, WITHOUT_HISTORY, column, shots
 
 # Mitsuba renders this shot's materials brighter than the file says. One reference for both would compare materials.
 OWN_REFERENCE = ("hotel-room",)
+SHOTS = ("cornell", "atrium", "towers", "hotel-room", "garage", "fox")
+RAW = "not denoised"
 
 
 def measure_peers(options, drivers):
-    """Runs docs/results/peers/measure.py, and updates NAME.* beside it."""
-    compared, undenoised, out = [], [], options.out / "peers"
-    here, absent = shots(options, ("cornell", "atrium", "hotel-room"))
+    """Runs docs/results/peers/measure.py, and updates NAME.* beside it where they exist."""
+    measured, out = [], options.out / "peers"
+    here, absent = shots(options, SHOTS)
     # A folder that is also visible to commands that run another driver.
     scratch = options.out / "scratch"
     scratch.mkdir(parents=True, exist_ok=True)
@@ -31,58 +33,78 @@ def measure_peers(options, drivers):
         command = [options.peers, ROOT / "docs/results/peers/measure.py", *settings, shot]
         environment = os.environ | {"TMPDIR": str(scratch)}
         subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL, cwd=ROOT, env=environment)
+        page = options.root / f"docs/results/peers/{name}.md"
         for number, driver in enumerate(drivers, 1):
             files = out / name / (f"{name}-{number}" if number > 1 else name)
             sections.append(re.sub(r"\A## .*", f"## {driver.name}", files.with_suffix(".md").read_text()))
-            if driver is drivers[0]:
-                shutil.copy(files.with_suffix(".toml"), options.root / f"docs/results/peers/{name}.toml")
-            measured = json.loads(files.with_suffix(".json").read_text())
-            compared += rows_of(name, driver, measured["beside"])
-            bare = {(row["renderer"], row["setting"]): row for row in measured["rows"]}
-            theirs, ours = bare["Mitsuba", "4 spp"], bare["diptych", "4 spp, not denoised"]
-            pair = {"peer_ms": theirs["ms"], "peer_flip": theirs["flip"], "ms": ours["ms"], "flip": ours["flip"]}
-            undenoised.append({"scene": name, "driver": driver.name} | pair | {"times": theirs["ms"] / ours["ms"]})
-        write_peer(options, name, sections)
-    columns = [
-        column("scene", "scene"),
-        column("driver", "driver"),
-        column("peer", "Mitsuba + OIDN"),
-        column("spp", "samples", 0),
-        column("flip", "its FLIP", 3),
-        column("ms", "its time, ms", 0),
-        column("with_history", WITH_HISTORY, 1),
-        column("without_history", WITHOUT_HISTORY, 1),
-        column("flip_of_history", "its FLIP with history", 3),
-        column("both_histories", "both with history", 1),
-    ]
-    note = (
-        f"{options.size} per eye, {options.rounds} interleaved rounds, a reference of {options.peers_spp} samples. Two "
-        "columns are the speed-up of diptych's fastest setting that reaches this FLIP, for each kind of frame. In the last "
-        f"two, OIDN filters the mean of Mitsuba's last {FRAMES} frames, reprojected by NumPy, whose time counts (not "
-        "measured with 16 samples). Below 1, diptych is slower; – means that no setting reaches this FLIP."
-    )
-    common = {"note": note, "columns": columns, "absent": absent}
-    four = [row for row in compared if row["spp"] == 4]
-    title, place = "Time to the FLIP of Mitsuba + OIDN", "## Results"
-    yield "peers", {"title": f"{title} with 4 samples", "readme": place, "rows": four} | common
-    others = [row for row in compared if row["spp"] != 4]
-    yield "peers-more", {"title": f"{title} with 1 and 16 samples", "readme": None, "rows": others} | common
-    yield "undenoised", {
-        "title": "Four samples without denoising",
+            if driver is drivers[0] and page.exists():
+                shutil.copy(files.with_suffix(".toml"), page.with_suffix(".toml"))
+            figures = json.loads(files.with_suffix(".json").read_text())
+            measured += rows_of(name, driver, figures["beside"])
+            bare = {(row["renderer"], row["setting"]): row for row in figures["rows"]}
+            theirs, ours = bare["Mitsuba", "4 spp"], bare["diptych", f"4 spp, {RAW}"]
+            raw = {"scene": name, "driver": driver.name, "peer": RAW, "spp": 4, "ms": theirs["ms"], "flip": theirs["flip"]}
+            measured.append(raw | {"without_history": theirs["ms"] / ours["ms"], "own_flip": ours["flip"]})
+        if page.exists():
+            write_peer(options, name, page, sections)
+    yield "beside", {
+        "title": "Beside Mitsuba 3 and OIDN",
+        "readme": "## Results",
+        "readme_rows": {"peer": ["fast", RAW]},
+        "note": f"{options.size} per eye, 4 samples per pixel. How many times as fast as Mitsuba with OIDN, of that quality, "
+        "diptych reaches the same FLIP (0 is best), with and without a history of frames; below 1, diptych is slower. Both "
+        f"not denoised: at equal samples; diptych's FLIP is then lower.",
+        "columns": [
+            column("scene", "scene"),
+            column("peer", "OIDN"),
+            column("ms", "its time, ms", 0),
+            column("flip", "its FLIP", 3),
+            *(
+                column(f"{key}, {driver.name}", f"{title}, {driver.name}", 1)
+                for driver in drivers
+                for key, title in (
+                    ("without_history", "first frame"), ("with_history", "with history"), ("both_histories", "both with")
+                )
+            ),
+        ],
+        "rows": by_driver([row for row in measured if row["spp"] == 4]),
+        "absent": absent,
+    }
+    yield "peers", {
+        "title": "Time to the FLIP of Mitsuba + OIDN",
         "readme": None,
-        "note": f"{options.size} per eye, 4 samples per pixel, times of a stereo frame; both eyes fully traced.",
+        "note": f"{options.size} per eye, {options.rounds} interleaved rounds, a reference of {options.peers_spp} samples. "
+        "Two columns are the speed-up of diptych's fastest setting that reaches this FLIP, for each kind of frame. In two "
+        f"more, OIDN filters the mean of Mitsuba's last {FRAMES} frames, reprojected by NumPy, whose time counts (not "
+        "measured with 16 samples). Below 1, diptych is slower; – means that no setting reaches this FLIP. Not denoised: "
+        "speed-up at equal samples, both eyes fully traced.",
         "columns": [
             column("scene", "scene"),
             column("driver", "driver"),
-            column("peer_ms", "Mitsuba, ms", 0),
-            column("peer_flip", "its FLIP", 3),
-            column("ms", "diptych, ms", 0),
+            column("peer", "Mitsuba + OIDN"),
+            column("spp", "samples", 0),
             column("flip", "its FLIP", 3),
-            column("times", "diptych times as fast", 2),
+            column("ms", "its time, ms", 0),
+            column("with_history", WITH_HISTORY, 1),
+            column("without_history", WITHOUT_HISTORY, 1),
+            column("flip_of_history", "its FLIP with history", 3),
+            column("both_histories", "both with history", 1),
+            column("own_flip", "diptych's FLIP", 3),
         ],
-        "rows": undenoised,
+        "rows": measured,
         "absent": absent,
     }
+
+
+def by_driver(rows):
+    """One row for each scene and peer, whose speed-ups have the driver in their keys."""
+    speed_ups = ("with_history", "without_history", "both_histories")
+    merged = {}
+    for row in rows:
+        shared = {key: row[key] for key in ("scene", "peer", "ms", "flip")}
+        of = merged.setdefault((row["scene"], row["peer"]), shared)
+        of |= {f"{key}, {row['driver']}": row.get(key) for key in speed_ups}
+    return list(merged.values())
 
 
 def rows_of(scene, driver, beside):
@@ -100,9 +122,8 @@ def rows_of(scene, driver, beside):
     return list(rows.values())
 
 
-def write_peer(options, name, sections):
+def write_peer(options, name, file, sections):
     """The tables of all drivers below the introduction that docs/results/peers/NAME.md has, and their chart."""
-    file = options.root / f"docs/results/peers/{name}.md"
     text = file.read_text().split("\n## ", 1)[0].rstrip("\n") + "\n\n" + "\n".join(sections)
     file.write_text(text)
     title = f"{name}, {options.size}: error against time; beside points, samples per pixel"

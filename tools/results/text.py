@@ -18,11 +18,12 @@ def line(cells):
     return "| " + " | ".join(cells) + " |\n"
 
 
-def table_text(table):
-    """The rows and, below, their caption."""
+def table_text(table, rows=None):
+    """The rows, or only those whose values are among `rows`, and, below, their caption."""
     columns, measured = table["columns"], table["measured"]
+    shown = [row for row in table["rows"] if all(row[key] in values for key, values in (rows or {}).items())]
     text = line([c["title"] for c in columns]) + line(["---"] * len(columns))
-    text += "".join(line([cell(c, row) for c in columns]) for row in table["rows"])
+    text += "".join(line([cell(c, row) for c in columns]) for row in shown)
     caption = f"{table['note']} {measured['machine']}; {'; '.join(measured['drivers'])}."
     caption += f" Commit {measured['commit']}, {measured['date']}"
     if measured["others"] is not None:
@@ -44,7 +45,7 @@ def page(results):
 def with_table(readme, name, table):
     """README.md's text with the table in its block or, before it has one, in place of the first table of its section."""
     begin, end = f"<!-- results: {name} -->\n", "<!-- /results -->\n"
-    block = begin + table_text(table) + end
+    block = begin + table_text(table, table.get("readme_rows")) + end
     if begin in readme:
         before, rest = readme.split(begin, 1)
         return before + block + rest.split(end, 1)[1]
