@@ -66,11 +66,6 @@ impl Samples {
         within("extra", self.extra, 0.0..=1.0f64.next_down())
     }
 
-    /// Returns true if these samples vary by more than `most`.
-    pub fn varies_more_than(self, most: Self) -> bool {
-        self.extra > most.extra
-    }
-
     /// Returns the constants of a frame that takes these samples from sequences that pixels share. `grid` is the size of
     /// the traced images.
     pub fn shared(self, grid: Extent, centres_one: bool) -> PixelSamples {

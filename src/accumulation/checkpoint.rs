@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
@@ -71,7 +71,7 @@ impl Checkpoint {
         if sums.len() != expected {
             return Err(damaged(format!("it holds {} bytes of sums, not {expected}", sums.len())));
         }
-        if checksum(sums) != header.checksum {
+        if hash_of(sums) != header.checksum {
             return Err(damaged("its sums are not those it was written with".into()));
         }
         let [a, b] = header.samples;
@@ -99,7 +99,7 @@ impl Checkpoint {
             fingerprint: self.fingerprint.clone(),
             samples: [halves[0].samples, halves[1].samples],
             dropped: accumulation.dropped,
-            checksum: checksum(&sums),
+            checksum: hash_of(&sums),
         };
         Ok(atomic_write(&self.path, |file| {
             file.write_all(FIRST_LINE)?;
@@ -107,10 +107,6 @@ impl Checkpoint {
             file.write_all(b"\n")?;
             file.write_all(&sums)
         })?)
-    }
-
-    pub fn folder(&self) -> &Path {
-        self.path.parent().unwrap_or(Path::new(""))
     }
 }
 
@@ -120,8 +116,4 @@ fn split(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
     let end = rest.iter().position(|&b| b == b'\n').ok_or("it ends within its header")?;
     let header = serde_json::from_slice(&rest[..end]).map_err(|e| format!("its header is invalid: {e}"))?;
     Ok((header, &rest[end + 1..]))
-}
-
-fn checksum(sums: &[u8]) -> String {
-    hash_of(sums)
 }

@@ -165,10 +165,9 @@ mod tests {
     fn non_finite_pixels_count_as_dropped_samples() {
         let extent = Extent::new(2, 1);
         let mut sum = Accumulation::new(extent, 2);
-        let mut pass = flat(extent, 1.0);
-        pass.of_mut(crate::scene::rig::Eye::LEFT).pixels[1] = [1.0, f32::NAN, 1.0];
+        let pass = flat(extent, 1.0).map(|image| Image { pixels: vec![[1.0; 3], [1.0, f32::NAN, 1.0]], ..image });
         sum.add(0, &pass, 8, 1);
-        assert_eq!((sum.mean().left().pixels[1], sum.dropped()), ([0.0; 3], 9));
+        assert_eq!((sum.mean().left().pixels[1], sum.dropped()), ([0.0; 3], 17));
     }
 
     /// Pixels of independent noise of variance 1: the mean of n samples has the standard error 1/√n. With 2·10⁴ pixels

@@ -41,10 +41,6 @@ impl Pipelines {
         self.kept().is_empty()
     }
 
-    pub fn clear(&self) {
-        self.kept().clear();
-    }
-
     pub(crate) fn get(&self, key: &PipelineKey) -> Option<Pipeline> {
         self.kept().get(key).cloned()
     }

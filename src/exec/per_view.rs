@@ -21,10 +21,6 @@ impl<T> PerView<T> {
         &self.0[eye.index()]
     }
 
-    pub fn of_mut(&mut self, eye: Eye) -> &mut T {
-        &mut self.0[eye.index()]
-    }
-
     /// Returns the value of the leftmost view, which is the left eye's if there are two.
     pub fn left(&self) -> &T {
         &self.0[0]
@@ -72,11 +68,6 @@ impl<T> PerView<T> {
     /// Returns the value of the leftmost view.
     pub fn into_left(self) -> T {
         self.0.into_iter().next().expect("a rig has at least one view")
-    }
-
-    /// Returns the value of the rightmost view.
-    pub fn into_right(self) -> T {
-        self.0.into_iter().next_back().expect("a rig has at least one view")
     }
 }
 

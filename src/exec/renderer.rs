@@ -1,6 +1,5 @@
 //! The public interface of execution: plans frames, distributes them to the devices, and finishes them.
 
-use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -198,17 +197,6 @@ impl Renderer {
     /// Errors of [`Self::check`] and [`Self::finish`].
     pub fn render(&mut self, params: &FrameParams) -> Result<FrameReport, ExecError> {
         self.begin(params, &[])?;
-        self.finish_last(&mut |_| {})
-    }
-
-    /// Renders a frame like [`Self::render`], but each pixel has its own sample sequence, of which the frame takes the
-    /// range `samples`. Its length must not exceed [`spp`](crate::quality::Quality::spp) of the envelope's highest
-    /// quality.
-    ///
-    /// # Errors
-    /// Errors of [`Self::finish`].
-    pub fn render_samples(&mut self, params: &FrameParams, samples: Range<u32>) -> Result<FrameReport, ExecError> {
-        self.begin_with(params, PixelSamples::own(samples, self.config.envelope.centres_one()), &[], None)?;
         self.finish_last(&mut |_| {})
     }
 

@@ -31,8 +31,9 @@ impl Renderer {
         self.watched(params, samples, ends, &mut progress)
     }
 
-    /// Renders a frame like [`Self::render_samples`], with the submissions and the calls of `progress` of
-    /// [`Self::render_watched`].
+    /// Renders a frame like [`Self::render_watched`], but each pixel has its own sample sequence, of which the frame
+    /// takes the range `samples`. Its length must not exceed [`spp`](crate::quality::Quality::spp) of the envelope's
+    /// highest quality.
     ///
     /// # Errors
     /// Errors of [`Self::render`].

@@ -67,7 +67,7 @@ impl Envelope {
         };
         let (spp, most_spp) = (quality.spp, most.spp);
         outside(spp.least > most_spp.least, &|| format!("{spp} samples per pixel, but for up to {most_spp}"))?;
-        outside(spp.varies_more_than(most_spp), &|| "pixels that differ in samples".to_owned())?;
+        outside(spp.fraction() > most_spp.fraction(), &|| "pixels that differ in samples".to_owned())?;
         outside(spp.least == 1 && !self.centres_one(), &|| "one sample per pixel".to_owned())?;
         outside(quality.scale < 1.0 && !self.leaves_pixels(), &|| format!("a render scale of {}", quality.scale))?;
         outside(quality.fovea.is_some() && most.fovea.is_none(), &|| "foveal layers".to_owned())?;

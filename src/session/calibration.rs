@@ -144,12 +144,11 @@ impl<'a> Calibration<'a> {
     /// Times a quality. Its cache fills in untimed frames until the calibration has lasted `fill_until`.
     fn time(&mut self, quality: Option<&Quality>, fill_until: Duration) -> Result<(), CalibrationError> {
         let Some(quality) = quality else { return Ok(()) };
-        let least_warm_up = if self.timed.is_empty() { WARM_UP } else { 0 };
         let relative_cost = guessed_relative_cost(quality);
         self.renderer.begin_anew();
         let mut stage_ms: BTreeMap<String, f64> = BTreeMap::new();
         let (mut rays, mut light, mut makespan_ms) = (BTreeMap::new(), 0.0, f64::INFINITY);
-        let mut untimed = least_warm_up;
+        let mut untimed = if self.timed.is_empty() { WARM_UP } else { 0 };
         for i in 0.. {
             if i == untimed + FRAMES {
                 break;

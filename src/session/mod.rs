@@ -115,16 +115,12 @@ impl Session {
         };
         let view = View { rig, time_s };
         let ladder = calibrate(&mut renderer, &view, qualities, &|quality: &Quality| *quality, origin, &|| false)?;
-        Ok(Self::new(renderer, ladder, budget))
-    }
-
-    /// Begins a session on a renderer that has the pipelines of all rungs, see [`Builder::envelope`].
-    pub fn new(renderer: Renderer, ladder: Ladder, budget: Budget) -> Self {
         let qualities = ladder.rungs().iter().map(|rung| rung.quality).collect();
-        Self::with_qualities(renderer, ladder, qualities, budget)
+        Ok(Self::with_qualities(renderer, ladder, qualities, budget))
     }
 
-    /// Begins a session in which frames on rung i are rendered with `qualities[i]` instead of the ladder's own quality.
+    /// Begins a session on a renderer that has the pipelines of all rungs, see [`Builder::envelope`]. Frames on rung i are
+    /// rendered with `qualities[i]`.
     pub fn with_qualities(mut renderer: Renderer, ladder: Ladder, qualities: Vec<Quality>, budget: Budget) -> Self {
         renderer.set_budget(budget.hi_ms());
         Self {

@@ -36,7 +36,7 @@ fn reprojected_specular_surfaces_match_traced_ones() {
         let subject = seen_apart(materials::named(name));
         let mut settings = with(subject.settings(64, 36), |config| config.envelope.most.bounces = 3);
         settings.envelope.most.spp = 256.into();
-        let traced = Stage::alone(&subject, &settings).frame(0).linear.into_right();
+        let traced = Stage::alone(&subject, &settings).frame(0).linear.right().clone();
         settings.buffers.reproject = true;
         let frame = Stage::alone(&subject, &settings).frame(0);
         let found = compare(&traced, frame.linear.right()).unwrap();
@@ -90,11 +90,11 @@ fn same_bytes_in_holes_as_in_a_traced_eye() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.settings(128, 72);
     settings.buffers.aovs = vec![Aov::Holes];
-    let traced = Stage::alone(&subject, &settings).frame(0).linear.into_right();
+    let traced = Stage::alone(&subject, &settings).frame(0).linear.right().clone();
     settings.buffers.reproject = true;
     let mut stage = Stage::alone(&subject, &settings);
     let reprojected = stage.frame(0);
-    let holes = stage.aov(0).into_right();
+    let holes = stage.aov(0).right().clone();
     let filled: Vec<usize> = (0..traced.pixels.len()).filter(|&i| holes[0][i] > 0.0).collect();
     let counted: u64 = reprojected.report.tallies[1].holes.iter().sum();
     assert_eq!(filled.len() as u64, counted);

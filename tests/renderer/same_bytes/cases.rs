@@ -263,7 +263,7 @@ fn hold_tables(subject: &Subject, times_s: &[f64]) {
     let [buffer, texture] = [Tables::Buffer, Tables::Texture].map(|tables| {
         let mut gpus = devices_to_lose(1);
         gpus[0].quirks.tables = tables;
-        gpus[0].pipelines.clear();
+        gpus[0].pipelines = Default::default();
         let mut stage = Stage::on(gpus, subject, &settings, Even.policy(HEIGHT, 1));
         let frames = stage.frames_in_flight(times_s);
         stage.into_devices();
