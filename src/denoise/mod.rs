@@ -9,11 +9,12 @@ pub use array::Array;
 pub use error::DenoiseError;
 pub use given::{Given, GivenBuffers, Inputs};
 
-use std::sync::{Arc, mpsc};
+use std::sync::Arc;
 
 use glam::Vec2;
 
 use crate::accel::Accel;
+use crate::device::staging::{Pool, Recorded};
 use crate::device::{self, DeviceFailure, GpuDevice, Selection};
 use crate::frame::RunConfig;
 use crate::graph::{Bound, Pass, Program, Resource};
@@ -117,8 +118,8 @@ pub struct FrameDenoiser {
     gpu: GpuDevice,
     stages: DeviceStages,
     program: Arc<Program>,
-    /// Buffer of [`Self::denoise`], from its first call on.
-    readback: Option<wgpu::Buffer>,
+    /// Readback buffers of [`Self::denoise`].
+    pool: Pool,
     /// Constants of the last frame; `None` if there is no history.
     previous: Option<layout::Previous>,
     denoised: u64,
@@ -130,16 +131,8 @@ impl FrameDenoiser {
     /// # Errors
     /// Errors of [`Self::on`], and [`DenoiseError::Open`] if no device can be opened.
     pub fn new(settings: &Settings) -> Result<Self, DenoiseError> {
-        Self::select(&Selection::default(), settings)
-    }
-
-    /// Creates a denoiser on the first device of a selection.
-    ///
-    /// # Errors
-    /// Errors of [`Self::new`].
-    pub fn select(selection: &Selection, settings: &Settings) -> Result<Self, DenoiseError> {
         settings.check()?;
-        Self::on(Self::open(selection)?, settings)
+        Self::on(Self::open(&Selection::default())?, settings)
     }
 
     /// Opens the first device of a selection.
@@ -171,7 +164,7 @@ impl FrameDenoiser {
         gpu.wait(None)?;
         let [program] = programs;
         let (settings, program) = (settings.clone(), Arc::new(program));
-        Ok(Self { settings, gpu, stages, program, readback: None, previous: None, denoised: 0 })
+        Ok(Self { settings, gpu, stages, program, pool: Pool::default(), previous: None, denoised: 0 })
     }
 
     /// Returns the device, for use by another denoiser or renderer. It keeps its compiled pipelines.
@@ -198,17 +191,20 @@ impl FrameDenoiser {
     pub fn denoise(&mut self, views: &[Given<'_>]) -> Result<Vec<RgbImage>, DenoiseError> {
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         self.record(&mut encoder, views)?;
-        let bytes = LINEAR.bytes(self.settings.extent);
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let new = || self.gpu.buffer("read back", views.len() as u64 * bytes, usage);
-        let readback = self.readback.take().unwrap_or_else(new);
-        for (output, at) in self.outputs().into_iter().zip(0..) {
-            encoder.copy_buffer_to_buffer(output, 0, &readback, at * bytes, bytes);
-        }
-        self.gpu.queue.submit([encoder.finish()]);
-        let images = self.read(&readback)?;
-        self.readback = Some(readback);
-        Ok(images)
+        let extent = self.settings.extent;
+        let bytes = LINEAR.bytes(extent);
+        let record = |output| self.pool.record(&self.gpu, &mut encoder, output, 0, bytes);
+        let copies: Vec<Recorded> = self.outputs().into_iter().map(record).collect();
+        let submission = self.gpu.queue.submit([encoder.finish()]);
+        let pixel = |bytes: &[u8]| {
+            let [r, g, b, _]: [f32; 4] = bytemuck::pod_read_unaligned(bytes);
+            [r, g, b]
+        };
+        let image = |copy: Recorded| {
+            let bytes = self.pool.finish(&self.gpu, copy.submitted(submission.clone()))?;
+            Ok(Image { extent, pixels: bytes.chunks_exact(size_of::<[f32; 4]>()).map(pixel).collect() })
+        };
+        copies.into_iter().map(image).collect()
     }
 
     /// Records the passes of a frame like [`Self::denoise`], without submitting them or waiting for them. The denoised
@@ -308,36 +304,13 @@ impl FrameDenoiser {
             stages.dispatch(&mut recording, pass, &launches, [None; 2]);
         }
     }
-
-    /// Waits for the submitted frame; returns the image of each view.
-    fn read(&self, readback: &wgpu::Buffer) -> Result<Vec<RgbImage>, DenoiseError> {
-        let extent = self.settings.extent;
-        let (sender, mapped) = mpsc::channel();
-        readback.map_async(wgpu::MapMode::Read, .., move |result| drop(sender.send(result)));
-        self.gpu.wait(None)?;
-        let failed = |what: String| DenoiseError::Device(DeviceFailure::from(what));
-        let result = mapped.recv_timeout(self.gpu.patience).map_err(|e| failed(e.to_string()))?;
-        result.map_err(|e| failed(e.to_string()))?;
-        let view = readback.slice(..).get_mapped_range().map_err(|e| failed(e.to_string()))?;
-        let pixel = |bytes: &[u8]| {
-            let [r, g, b, _]: [f32; 4] = bytemuck::pod_read_unaligned(bytes);
-            [r, g, b]
-        };
-        let images = view
-            .chunks_exact(LINEAR.bytes(extent) as usize)
-            .map(|bytes| Image { extent, pixels: bytes.chunks_exact(size_of::<[f32; 4]>()).map(pixel).collect() });
-        let images = images.collect();
-        drop(view);
-        readback.unmap();
-        Ok(images)
-    }
 }
 
 /// Returns the tables of an empty scene, which no pass reads.
-fn no_scene() -> Result<SceneTables, DenoiseError> {
+fn no_scene() -> Result<SceneTables, DeviceFailure> {
     let scene = Scene::empty("imported");
-    let accel = Accel::build(&scene).map_err(|e| DenoiseError::Device(e.to_string().into()))?;
-    SceneTables::new(&scene, accel).map_err(|e| DenoiseError::Device(e.to_string().into()))
+    let accel = Accel::build(&scene).map_err(|e| e.to_string())?;
+    SceneTables::new(&scene, accel).map_err(|e| e.to_string().into())
 }
 
 /// Returns the first buffer of a resource, with the contents of this frame.

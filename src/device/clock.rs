@@ -10,6 +10,7 @@ mod offset;
 use std::ops::Range;
 use std::time::{Duration, Instant};
 
+use super::staging::Pool;
 use super::{DeviceFailure, GpuDevice};
 use counter::Counter;
 pub use offset::{MOST_DRIFT, Offset};
@@ -72,7 +73,7 @@ impl GpuClock {
 struct Probe {
     queries: wgpu::QuerySet,
     resolved: wgpu::Buffer,
-    readable: wgpu::Buffer,
+    pool: Pool,
 }
 
 impl Probe {
@@ -80,7 +81,7 @@ impl Probe {
         Self {
             queries: gpu.timestamps("clock", 2),
             resolved: gpu.buffer("clock", 16, wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC),
-            readable: gpu.buffer("clock", 16, wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST),
+            pool: Pool::default(),
         }
     }
 
@@ -101,17 +102,11 @@ impl Probe {
         let index = gpu.queue.submit([commands]);
         gpu.wait(Some(index))?;
         let lasted = begin.elapsed();
-        let mut copy = gpu.device.create_command_encoder(&Default::default());
-        copy.resolve_query_set(&self.queries, 0..2, &self.resolved, 0);
-        copy.copy_buffer_to_buffer(&self.resolved, 0, &self.readable, 0, 16);
-        gpu.queue.submit([copy.finish()]);
-        self.readable.slice(..).map_async(wgpu::MapMode::Read, |_| ());
-        gpu.wait(None)?;
-        let tick = {
-            let bytes = self.readable.slice(..).get_mapped_range().map_err(|e| e.to_string())?;
-            u64::from_le_bytes(bytes[8..16].try_into().map_err(|_| "a timestamp is not 8 bytes long".to_owned())?)
-        };
-        self.readable.unmap();
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.resolve_query_set(&self.queries, 0..2, &self.resolved, 0);
+        let copy = self.pool.record(gpu, &mut encoder, &self.resolved, 8, 8);
+        let back = copy.submitted(gpu.queue.submit([encoder.finish()]));
+        let tick = bytemuck::pod_read_unaligned(&self.pool.finish(gpu, back)?);
         Ok((tick, begin, lasted))
     }
 }

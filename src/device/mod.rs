@@ -17,6 +17,7 @@ mod pool;
 mod quirks;
 #[cfg(feature = "view")]
 mod screen;
+pub(crate) mod staging;
 mod traversal;
 
 pub(crate) use adapters::MAX_DEVICES;

@@ -25,7 +25,6 @@ mod recovery;
 mod renderer;
 mod report;
 mod config;
-mod staging;
 mod stopping;
 mod watch;
 mod watchdog;

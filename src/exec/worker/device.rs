@@ -5,10 +5,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::speeds::Speeds;
+use crate::device::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::device::{DeviceFailure, GpuClock, GpuDevice};
 use crate::exec::messages::{Bytes, FrameJob, Pixels};
 use crate::exec::output::Output;
-use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::exec::{ExecError, InjectedKind};
 use crate::frame::RunConfig;
 use crate::frame::constants::of_views;

@@ -3,7 +3,7 @@
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
-use crate::device::{DeviceFailure, GpuDevice};
+use super::{DeviceFailure, GpuDevice};
 
 /// Free readback buffers of one device.
 #[derive(Default)]
@@ -14,7 +14,7 @@ pub struct Pool {
 /// Mapped buffers that are no longer read.
 type FreeBuffers = Mutex<Vec<wgpu::Buffer>>;
 
-/// A submitted copy of rows to the host.
+/// A submitted copy to the host.
 pub struct ReadBack {
     buffer: wgpu::Buffer,
     size: u64,
@@ -40,7 +40,7 @@ pub struct Mapped {
 impl Pool {
     /// Records a copy of `size` bytes of `source`, from `offset` on, to a free or new readback buffer.
     pub fn record(
-        &mut self,
+        &self,
         gpu: &GpuDevice,
         encoder: &mut wgpu::CommandEncoder,
         source: &wgpu::Buffer,
@@ -68,7 +68,7 @@ impl Pool {
     ///
     /// # Errors
     /// [`DeviceFailure`] if the device or the mapping failed.
-    pub fn finish(&mut self, gpu: &GpuDevice, back: ReadBack) -> Result<Mapped, DeviceFailure> {
+    pub fn finish(&self, gpu: &GpuDevice, back: ReadBack) -> Result<Mapped, DeviceFailure> {
         gpu.wait(Some(back.submission))?;
         back.mapped.recv_timeout(gpu.patience).map_err(|e| e.to_string())?.map_err(|e| e.to_string())?;
         let view = back.buffer.slice(..back.size).get_mapped_range().map_err(|e| e.to_string())?;
