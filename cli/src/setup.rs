@@ -77,7 +77,7 @@ fn load_scene(options: &RunOptions) -> Result<LoadedScene, Failure> {
     let what = Load { shot: options.shot.clone(), time_s: options.settings.time, files: None };
     let Some(node) = node::others() else { return load_here(options, &what, Source::Disk) };
     if !options.broadcasts_scene() {
-        let loading = Loading::begin(node, &what);
+        let loading = Loading::begin(node, what.clone());
         let loaded = load_here(options, &what, Source::Disk)?;
         loading.check(&loaded.tables)?;
         return Ok(loaded);
@@ -91,7 +91,7 @@ fn load_scene(options: &RunOptions) -> Result<LoadedScene, Failure> {
             format!("--broadcast-scene: the scene files have {bytes} bytes; at most {MOST_SENT_BYTES} can be sent");
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
-    Loading::begin(node, &Load { files: Some(files), ..what }).check(&loaded.tables)?;
+    Loading::begin(node, Load { files: Some(files), ..what }).check(&loaded.tables)?;
     Ok(loaded)
 }
 
@@ -241,7 +241,7 @@ impl Tracing {
     pub fn start(options: &RunOptions) -> Result<Self, Failure> {
         let file = options.trace.as_deref().map(TraceFile::start).transpose()?;
         if let Some(node) = node::others().filter(|_| file.is_some()) {
-            node.ask(|_| Request::Record).wait()?;
+            node.ask(&Request::Record).wait()?;
         }
         let recorder = file.as_ref().map_or_else(Recorder::off, TraceFile::recorder);
         Ok(Self { file, recorder })
@@ -266,7 +266,7 @@ impl Tracing {
 
     pub fn finish(self) -> Result<(), Failure> {
         if let Some(node) = node::others().filter(|_| self.file.is_some()) {
-            node.ask(|_| Request::Recorded).wait()?;
+            node.ask(&Request::Recorded).wait()?;
             self.take_recorded();
         }
         Ok(self.file.map_or(Ok(()), TraceFile::finish)?)

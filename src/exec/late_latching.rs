@@ -61,9 +61,3 @@ impl fmt::Debug for Late {
         f.debug_struct("Late").field("frame", &self.frame).finish_non_exhaustive()
     }
 }
-
-impl PartialEq for Late {
-    fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.source, &other.source) && (self.frame, &self.rendered) == (other.frame, &other.rendered)
-    }
-}

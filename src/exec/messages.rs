@@ -21,7 +21,7 @@ use crate::stages::Place;
 use crate::tables::SceneUpdate;
 
 /// Order from the renderer to a worker.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Order {
     /// Number that the answer repeats. All orders of one attempt at a frame have the same ticket, which no other
     /// order of the run has.
@@ -31,7 +31,7 @@ pub struct Order {
     pub work: Work,
 }
 
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub enum Work {
     Frame(Box<FrameJob>),
     /// Send back an image of all views, from the buffers that `place` selects. If `injected` is given, inject this
@@ -44,7 +44,7 @@ pub enum Work {
 }
 
 /// A frame, of which each worker executes the tasks of its device.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FrameJob {
     /// Plan that determines the graph, together with the settings that all frames of a run share.
     pub plan: Plan,
@@ -76,14 +76,14 @@ pub struct FrameJob {
 }
 
 /// Answer of a worker to an order.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Reply {
     pub ticket: u64,
     pub device: usize,
     pub answer: Result<Answer, Stop>,
 }
 
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub enum Answer {
     Frame(FrameReply),
     Pixels(Pixels),
@@ -93,7 +93,7 @@ pub enum Answer {
 pub type Pixels = Vec<Vec<u8>>;
 
 /// Reason for which a worker did not execute an order.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Stop {
     /// Its own device failed.
     Device(DeviceFailure),
@@ -102,7 +102,7 @@ pub enum Stop {
 }
 
 /// Result of a device's part of a frame.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub struct FrameReply {
     pub times: Vec<TaskTime>,
     /// Maximum error of the device's times so far, in microseconds.
@@ -124,7 +124,7 @@ pub struct FrameReply {
 }
 
 /// Execution time of a task.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TaskTime {
     /// Index among the tasks of its device.
     pub task: usize,
@@ -169,12 +169,6 @@ impl Deref for Bytes {
     }
 }
 
-impl PartialEq for Bytes {
-    fn eq(&self, other: &Self) -> bool {
-        **self == **other
-    }
-}
-
 impl fmt::Debug for Bytes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} bytes", self.len())
@@ -190,94 +184,5 @@ impl Serialize for Bytes {
 impl<'de> Deserialize<'de> for Bytes {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         Vec::deserialize(deserializer).map(Self::Owned)
-    }
-}
-
-#[cfg(test)]
-pub(super) mod tests {
-    use serde::de::DeserializeOwned;
-
-    use super::*;
-    use crate::device::FailureKind;
-    use crate::exec::plan::History;
-    use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
-    use crate::passes::path_trace::PARTITION;
-    use crate::passes::tonemap::{DISPLAY, LINEAR};
-    use crate::passes::{ROW_TALLY, aov_image};
-    use crate::scene::rig::Eye;
-    use crate::schedule::{Position, Split};
-
-    fn round_trip<T: Serialize + DeserializeOwned + PartialEq + fmt::Debug>(message: &T) {
-        let text = serde_json::to_string(message).unwrap();
-        assert_eq!(serde_json::from_str::<T>(&text).unwrap(), *message, "{text}");
-    }
-
-    fn job(seam: Seam, history: Option<History>) -> FrameJob {
-        let mut assignment = Assignment::uniform(Stripes::even(90, 3));
-        assignment.set(PARTITION, Eye::RIGHT, Stripes::from_edges(90, &[10, 70]));
-        // Device 0 was dropped.
-        let assignment = assignment.renumbered(&[1, 2, 3], 4);
-        let mut constants = layout::Frame::default();
-        constants.sampling.index = 7;
-        constants.environment.rotation = f32::NEG_INFINITY;
-        FrameJob {
-            plan: Plan { seam, iterations: 5, assignment, history, outputs: Some(vec![LINEAR.into()]) },
-            constants,
-            previous: layout::Previous {
-                views: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
-                sampling: layout::Sampling { reflections: 3, ..Default::default() },
-            },
-            views: vec![[layout::View { shift_x: 0.1, ..Default::default() }; 2]; 3],
-            update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]], left_out: 3 },
-            place: Place { slot: 2, turn: 1 },
-            reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
-            splits: Splits {
-                ends: vec![Split { task: 4, at: Position { run: 1, row: 16 } }],
-                probes: vec![6],
-                bound_ms: 200.0,
-            },
-            late: None,
-            runs: 2,
-            injected: Some(InjectedKind::Hang),
-            watch: None,
-        }
-    }
-
-    /// Returns orders of every kind.
-    pub fn orders() -> Vec<Order> {
-        let limit = Duration::from_micros(10_000_001);
-        let order = |work| Order { ticket: u64::MAX, limit, work };
-        let frame = |seam, history| order(Work::Frame(Box::new(job(seam, history))));
-        let halos = (0..3).flat_map(HaloPlan::all).chain([HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE]);
-        let seams = [Seam::None, Seam::Filter].into_iter().chain(halos.map(Seam::Halo));
-        let mut orders: Vec<_> = seams.map(|seam| frame(seam, None)).collect();
-        let before = Assignment::uniform(Stripes::even(90, 4));
-        orders.push(frame(Seam::None, Some(History { before, rows: 12, lost: vec![1] })));
-        let place = Place { slot: 0, turn: 1 };
-        orders.push(order(Work::Read { image: ROW_TALLY.into(), place, injected: None }));
-        orders
-    }
-
-    /// Returns replies of every kind.
-    pub fn replies() -> Vec<Reply> {
-        let reply = |answer| Reply { ticket: 3, device: 63, answer };
-        let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
-        let images = vec![vec![vec![0, 255], vec![7]], vec![vec![], vec![1]]];
-        let (shown_from, buffers) = (None, Vec::new());
-        let (clock_residual_us, begin_ms, end_ms, spp_done) = (0.2, -0.0, 0.7, Some(12));
-        let done = FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers, spp_done };
-        let done = [Answer::Frame(done), Answer::Pixels(vec![vec![1, 2], vec![3, 4]])];
-        let kinds = [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error];
-        let failure = |kind| Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() });
-        let stops = kinds.map(failure).into_iter().chain([Stop::Aborted]);
-        done.map(|answer| reply(Ok(answer))).into_iter().chain(stops.map(|stop| reply(Err(stop)))).collect()
-    }
-
-    #[test]
-    fn messages_round_trip_through_text() {
-        orders().iter().for_each(round_trip);
-        replies().iter().for_each(round_trip);
-        round_trip(&Message::Rows { ticket: 1, transfer: u32::MAX, rows: Bytes::Owned((0..=255).collect()) });
-        round_trip(&Message::<Bytes>::Abort { ticket: 9 });
     }
 }

@@ -16,13 +16,6 @@ const GRACE: Duration = Duration::from_millis(250);
 #[derive(Clone, Debug, Default)]
 pub struct StopFlag(Option<Arc<AtomicBool>>);
 
-/// Flags are equal if they are the same.
-impl PartialEq for StopFlag {
-    fn eq(&self, other: &Self) -> bool {
-        self.0.as_ref().map(Arc::as_ptr) == other.0.as_ref().map(Arc::as_ptr)
-    }
-}
-
 impl From<Arc<AtomicBool>> for StopFlag {
     fn from(flag: Arc<AtomicBool>) -> Self {
         Self(Some(flag))
@@ -30,6 +23,11 @@ impl From<Arc<AtomicBool>> for StopFlag {
 }
 
 impl StopFlag {
+    /// Returns true if anything can set the flag.
+    pub fn exists(&self) -> bool {
+        self.0.is_some()
+    }
+
     pub fn is_set(&self) -> bool {
         self.0.as_ref().is_some_and(|flag| flag.load(Ordering::Relaxed))
     }

@@ -19,13 +19,6 @@ pub struct Watch {
     is_hopeless: AtomicBool,
 }
 
-/// Watches are equal if they are the same.
-impl PartialEq for Watch {
-    fn eq(&self, other: &Self) -> bool {
-        std::ptr::eq(self, other)
-    }
-}
-
 impl Watch {
     pub fn new(ends: StopFlag, devices: usize) -> Self {
         Self { ends, done: (0..devices).map(|_| AtomicU64::default()).collect(), is_hopeless: AtomicBool::default() }
@@ -55,7 +48,7 @@ impl Watch {
 
     /// True if the frame can end with the samples so far.
     pub fn ends_with_picture(&self) -> bool {
-        self.ends != StopFlag::default()
+        self.ends.exists()
     }
 
     /// Returns the fraction of the work that these devices have done.

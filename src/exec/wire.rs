@@ -7,8 +7,7 @@ use crate::graph::{Assignment, Partition, Stripes};
 use crate::passes::partitions;
 use crate::scene::rig::Eye;
 
-/// Serializes types whose memory layout is shared with shaders. They are written as raw bytes, since JSON cannot
-/// represent infinities.
+/// Serializes types whose memory layout is shared with shaders, as raw bytes.
 pub mod pod {
     use bytemuck::Pod;
     use serde::de::Error as _;

@@ -2,6 +2,7 @@
 //! everything above their links is the code that MPI's processes run.
 
 use std::collections::VecDeque;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, LazyLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -11,7 +12,7 @@ use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Rows, WIDTH, assert_same_frames};
 use diptych::RunConfig;
 use diptych::device::GpuDevice;
-use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
+use diptych::exec::ranks::{Devices, Host, Link, Load, Loading, Node, Request, Way, serve};
 use diptych::frame::Foveation;
 use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::{Denoiser, Filter};
@@ -54,33 +55,39 @@ impl Host for Here {
     }
 }
 
-/// A link with latency.
+/// A packet, with the rank that sent it.
+type Sent = (usize, Vec<u8>);
+
+/// A link with latency between threads.
 struct Slow {
-    link: ChannelLink,
+    rank: usize,
+    inbox: Receiver<Sent>,
+    outboxes: Vec<Sender<Sent>>,
     by: Duration,
-    held: VecDeque<(Instant, (usize, Vec<u8>))>,
+    held: VecDeque<(Instant, Sent)>,
 }
 
 impl Link for Slow {
     fn rank(&self) -> usize {
-        self.link.rank()
+        self.rank
     }
 
     fn ranks(&self) -> usize {
-        self.link.ranks()
+        self.outboxes.len()
     }
 
     fn host(&self) -> String {
-        self.link.host()
+        format!("thread {}", self.rank)
     }
 
-    fn send(&mut self, to: usize, packet: Vec<u8>, way: Way) {
-        self.link.send(to, packet, way);
+    fn send(&mut self, to: usize, packet: Vec<u8>, _: Way) {
+        // Ignore the error: a rank that has left needs no packets.
+        let _ = self.outboxes[to].send((self.rank, packet));
     }
 
-    fn receive(&mut self) -> Option<(usize, Vec<u8>)> {
+    fn receive(&mut self) -> Option<Sent> {
         let due = Instant::now() + self.by;
-        self.held.extend(std::iter::from_fn(|| self.link.receive()).map(|packet| (due, packet)));
+        self.held.extend(self.inbox.try_iter().map(|packet| (due, packet)));
         let is_due = self.held.front().is_some_and(|(due, _)| *due <= Instant::now());
         is_due.then(|| self.held.pop_front()).flatten().map(|(_, packet)| packet)
     }
@@ -108,8 +115,9 @@ impl Ranks {
     /// Creates ranks whose packets take this long.
     fn apart(by: Duration, count: usize, subjects: &[&Subject]) -> Self {
         LazyLock::force(&BEGIN);
-        let links = channel_links(count).into_iter();
-        let mut links = links.map(|link| Slow { link, by, held: VecDeque::new() });
+        let (outboxes, inboxes): (Vec<_>, Vec<_>) = (0..count).map(|_| channel()).unzip();
+        let link = |(rank, inbox)| Slow { rank, inbox, outboxes: outboxes.clone(), by, held: VecDeque::new() };
+        let mut links = inboxes.into_iter().enumerate().map(link);
         let first = links.next().unwrap();
         let node = Node::join(move || Ok(first), |_| ()).unwrap();
         let subjects: Vec<_> = subjects.iter().map(|s| (s.name.clone(), Arc::clone(&s.tables))).collect();
@@ -129,7 +137,7 @@ impl Ranks {
 
     fn load(&self, subject: &Subject) -> Result<(), String> {
         let what = Load { shot: subject.name.clone(), time_s: 0.0, files: None };
-        Loading::begin(&self.node, &what).check(&subject.tables).map_err(|e| e.to_string())
+        Loading::begin(&self.node, what).check(&subject.tables).map_err(|e| e.to_string())
     }
 
     /// Opens this many devices on each rank.
@@ -246,11 +254,11 @@ fn rejects_ranks_with_another_scene() {
 #[test]
 fn rank_clock_errors_stay_within_their_residuals() {
     let joined = Ranks::new(3, &[]);
-    joined.node.ask(|_| Request::Record).wait().unwrap();
+    joined.node.ask(&Request::Record).wait().unwrap();
     let mut residuals_us = Vec::new();
     for _ in 0..30 {
         std::thread::sleep(Duration::from_millis(100));
-        joined.node.ask(|_| Request::Recorded).wait().unwrap();
+        joined.node.ask(&Request::Recorded).wait().unwrap();
         for told in joined.node.recorded() {
             let nanos = u128::from_le_bytes(told.text.try_into().unwrap());
             let here_ms = joined.node.epoch().duration_since(*BEGIN).as_secs_f64() * 1e3;

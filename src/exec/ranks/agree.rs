@@ -1,12 +1,11 @@
-//! Checks that ranks match in everything that affects the bytes of images: version, shaders, kind of adapter, traversal
-//! and scene.
+//! Checks that ranks match in what affects the bytes of images: version, shaders, kind of adapter and traversal.
 
 use std::hash::{DefaultHasher, Hasher};
 
 use serde::{Deserialize, Serialize};
 
-use super::device_card::DeviceCard;
 use crate::device::{DeviceInfo, SceneAccess, Tables, Traversal};
+use crate::exec::wire;
 use crate::stages::all_shader_text;
 
 /// Host name and program of a rank, which it sends to rank 0 before it opens devices.
@@ -44,6 +43,15 @@ impl Identity {
     }
 }
 
+/// Description of another rank's device, which that rank sends to rank 0.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceCard {
+    #[serde(with = "wire::as_text")]
+    pub info: DeviceInfo,
+    /// Maximum predicted time of a submission, see [`crate::device::Quirks::max_dispatch_ms`].
+    pub max_dispatch_ms: Option<f64>,
+}
+
 /// Difference between a device of another rank and rank 0's first device.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeviceMismatch {
@@ -73,28 +81,18 @@ pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), De
     Ok(())
 }
 
-/// Compares the scene fingerprints of rank 0 (`here`) and of another rank (`there`).
-///
-/// # Errors
-/// A message if they differ.
-pub fn check_scene(here: u64, there: u64) -> Result<(), String> {
-    let what = "its scene is not that of rank 0: the files differ";
-    if here == there { Ok(()) } else { Err(what.to_owned()) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn rejects_ranks_of_other_versions_or_scenes() {
+    fn rejects_ranks_of_other_versions_or_shaders() {
         let here = Identity::here("a".to_owned());
         assert_eq!(here.check(&Identity { host: "b".to_owned(), ..here.clone() }), Ok(()));
         let older = Identity { version: "0.0.9".to_owned(), ..here.clone() };
         assert!(here.check(&older).unwrap_err().contains("diptych 0.0.9"));
         let other = Identity { shaders: here.shaders ^ 1, ..here.clone() };
         assert!(here.check(&other).unwrap_err().contains("shaders"));
-        assert!(check_scene(1, 2).unwrap_err().contains("scene") && check_scene(1, 1).is_ok());
     }
 
     #[test]

@@ -4,8 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use super::RankError;
-use super::agree::{check_devices, check_scene};
-use super::device_card::DeviceCard;
+use super::agree::{DeviceCard, check_devices};
 use super::node::{Asked, Node};
 use super::packet::{Load, Request, Response, Start};
 use super::renderer_devices::RendererDevices;
@@ -33,9 +32,8 @@ struct Set {
 
 impl Drop for Set {
     fn drop(&mut self) {
-        let number = self.number;
         // The response is not needed.
-        drop(self.node.ask(|_| Request::Close { set: number }));
+        drop(self.node.ask(&Request::Close { set: self.number }));
     }
 }
 
@@ -56,8 +54,7 @@ impl Devices {
     /// that this rank can open its own devices meanwhile.
     pub fn open(node: &Arc<Node>, virtual_devices: usize) -> Opening {
         let set = Set { node: Arc::clone(node), number: node.number(), cards: Vec::new() };
-        let number = set.number;
-        Opening { asked: node.ask(|_| Request::Open { set: number, virtual_devices }), set }
+        Opening { asked: node.ask(&Request::Open { set: set.number, virtual_devices }), set }
     }
 
     pub fn len(&self) -> usize {
@@ -146,8 +143,8 @@ impl Opening {
 pub struct Loading(Arc<Node>, Asked);
 
 impl Loading {
-    pub fn begin(node: &Arc<Node>, what: &Load) -> Self {
-        Self(Arc::clone(node), node.ask(|_| Request::Load(what.clone())))
+    pub fn begin(node: &Arc<Node>, what: Load) -> Self {
+        Self(Arc::clone(node), node.ask(&Request::Load(what)))
     }
 
     /// Waits until the other ranks have loaded the scene, and checks that their tables match `here`, the tables of this
@@ -158,8 +155,8 @@ impl Loading {
     pub fn check(self, here: &SceneTables) -> Result<(), RankError> {
         let here = here.fingerprint();
         for (rank, response) in (1..).zip(self.1.wait()?) {
-            if let Response::Loaded(there) = response {
-                check_scene(here, there).map_err(|what| self.0.refusal(rank, what))?;
+            if response != Response::Loaded(here) {
+                return Err(self.0.refusal(rank, "its scene is not that of rank 0: the files differ".to_owned()));
             }
         }
         Ok(())
@@ -193,7 +190,7 @@ impl Others {
     pub fn start(&self, config: &RunConfig, tables: &SceneTables) -> Asked {
         let (ranks, scene) = (self.ranks(), tables.fingerprint());
         let start = Start { renderer: self.renderer, set: self.set.number, ranks, config: config.clone(), scene };
-        self.set.node.ask(|_| Request::Start(Box::new(start.clone())))
+        self.set.node.ask(&Request::Start(Box::new(start)))
     }
 
     /// Waits until the other ranks have started their workers, and connects their channels with those of this process.
@@ -233,9 +230,8 @@ impl Others {
     /// Ends the workers of the other ranks, whose order channels must be closed already. Returns this process's
     /// devices `own`, followed by the devices of other ranks, without those that have failed.
     pub fn end(mut self, own: Vec<GpuDevice>) -> Devices {
-        let renderer = self.renderer;
-        let ended = self.set.node.ask(|_| Request::End { renderer }).wait();
-        self.set.node.detach(renderer);
+        let ended = self.set.node.ask(&Request::End { renderer: self.renderer }).wait();
+        self.set.node.detach(self.renderer);
         // Ignore a lost rank here: it ends the run at the next frame.
         let left: Vec<usize> = ended.into_iter().flatten().flat_map(left_of).collect();
         let mut device = self.own;

@@ -1,7 +1,5 @@
 //! Links that carry bytes between ranks.
 
-use crossbeam::channel::{Receiver, Sender, unbounded};
-
 /// Priority of a packet. Packets of round trips (pings and pongs) may overtake large packets that were sent before
 /// them, so that large packets do not delay signs of life.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,49 +33,4 @@ pub trait Link {
 
     /// Ends the processes of all ranks.
     fn abort(&mut self, status: u8);
-}
-
-/// The link of a rank that is a thread of this process.
-pub struct ChannelLink {
-    rank: usize,
-    inbox: Receiver<(usize, Vec<u8>)>,
-    outboxes: Vec<Sender<(usize, Vec<u8>)>>,
-}
-
-/// Creates links between `ranks` ranks within this process; returns the end of each rank.
-pub fn channel_links(ranks: usize) -> Vec<ChannelLink> {
-    let (outboxes, inboxes): (Vec<_>, Vec<_>) = (0..ranks).map(|_| unbounded()).unzip();
-    let link = |(rank, inbox)| ChannelLink { rank, inbox, outboxes: outboxes.clone() };
-    inboxes.into_iter().enumerate().map(link).collect()
-}
-
-impl Link for ChannelLink {
-    fn rank(&self) -> usize {
-        self.rank
-    }
-
-    fn ranks(&self) -> usize {
-        self.outboxes.len()
-    }
-
-    fn host(&self) -> String {
-        format!("thread {}", self.rank)
-    }
-
-    fn send(&mut self, to: usize, packet: Vec<u8>, _: Way) {
-        // Ignore the error: a rank that has left needs no packets.
-        let _ = self.outboxes[to].send((self.rank, packet));
-    }
-
-    fn receive(&mut self) -> Option<(usize, Vec<u8>)> {
-        self.inbox.try_recv().ok()
-    }
-
-    fn is_settled(&mut self) -> bool {
-        true
-    }
-
-    fn leave(&mut self) {}
-
-    fn abort(&mut self, _: u8) {}
 }

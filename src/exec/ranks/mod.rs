@@ -4,7 +4,6 @@
 
 mod agree;
 mod clock;
-mod device_card;
 mod devices;
 mod error;
 mod link;
@@ -24,7 +23,7 @@ pub use agree::DeviceMismatch;
 pub(super) use devices::Others;
 pub use devices::{Devices, Loading, Opening};
 pub use error::RankError;
-pub use link::{ChannelLink, Link, Way, channel_links};
+pub use link::{Link, Way};
 #[cfg(feature = "mpi")]
 pub use mpi::MpiLink;
 pub use node::{Asked, Node};

@@ -170,10 +170,10 @@ impl Node {
     }
 
     /// Sends a request to every other rank.
-    pub fn ask(self: &Arc<Self>, request: impl Fn(usize) -> Request) -> Asked {
+    pub fn ask(self: &Arc<Self>, request: &Request) -> Asked {
         let number = self.requests.fetch_add(1, Ordering::Relaxed);
         for rank in 1..self.ranks {
-            self.tell(rank, RankMessage::Request { number, request: Box::new(request(rank)) });
+            self.tell(rank, RankMessage::Request { number, request: Box::new(request.clone()) });
         }
         Asked { node: Arc::clone(self), number }
     }

@@ -2,8 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::agree::Identity;
-use super::device_card::DeviceCard;
+use super::agree::{DeviceCard, Identity};
 use super::link::Way;
 use crate::exec::messages::{Bytes, Message, Order, Reply};
 use crate::exec::watchdog::LifeSign;
@@ -13,7 +12,7 @@ use crate::scene::folder::Files;
 
 /// Data that one rank sends to another. `renderer` is the number of a renderer, and `device` the number of one of this
 /// renderer's devices.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub enum Packet {
     /// Order from rank 0 to the rank of the device.
     Order { renderer: u32, device: usize, order: Box<Order> },
@@ -35,23 +34,8 @@ pub enum Packet {
     RankMessage(RankMessage),
 }
 
-/// Identification of a packet's rows in traces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RowsName {
-    pub ticket: u64,
-    pub transfer: u32,
-    pub bytes: usize,
-}
-
-impl RowsName {
-    /// Returns the ticket, transfer and size as fields of a trace span.
-    pub fn fields(self) -> (Option<u64>, Option<u32>, Option<usize>) {
-        (Some(self.ticket), Some(self.transfer), Some(self.bytes))
-    }
-}
-
 /// Message between ranks that belongs to no frame.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Serialize, Deserialize)]
 pub enum RankMessage {
     /// Identity of the sender.
     Hello(Identity),
@@ -82,7 +66,7 @@ pub enum RankMessage {
 }
 
 /// A shot to be loaded.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Load {
     pub shot: String,
     /// Time in seconds at which the shot's cameras are evaluated.
@@ -92,7 +76,7 @@ pub struct Load {
 }
 
 /// Request from rank 0 to another rank.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub enum Request {
     /// Open `virtual_devices` virtual devices on each adapter that the rank's command line selects. They form the set
     /// with the number `set`.
@@ -129,13 +113,6 @@ pub struct Start {
     pub scene: u64,
 }
 
-impl PartialEq for Start {
-    fn eq(&self, other: &Self) -> bool {
-        let Self { renderer, set, ranks, scene, .. } = self;
-        (renderer, set, ranks, scene) == (&other.renderer, &other.set, &other.ranks, &other.scene)
-    }
-}
-
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Response {
     Done,
@@ -155,13 +132,12 @@ const OTHER: u8 = 2;
 const HEADER_BYTES: usize = 4 + 4 + 8 + 4;
 
 impl Packet {
-    pub fn rows(&self) -> Option<RowsName> {
-        match self {
-            Self::Message { message: Message::Rows { ticket, transfer, rows }, .. } => {
-                Some(RowsName { ticket: *ticket, transfer: *transfer, bytes: rows.len() })
-            }
-            _ => None,
-        }
+    /// Returns the ticket, transfer and size in bytes of the rows in the packet, as fields of a trace span.
+    pub fn rows(&self) -> (Option<u64>, Option<u32>, Option<usize>) {
+        let Self::Message { message: Message::Rows { ticket, transfer, rows }, .. } = self else {
+            return Default::default();
+        };
+        (Some(*ticket), Some(*transfer), Some(rows.len()))
     }
 
     /// Returns true for signs of life, pings and pongs. Unlike other packets, they do not mean that more packets will
@@ -211,12 +187,88 @@ impl Packet {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
-    use crate::exec::messages::tests::{orders, replies};
+    use crate::device::{DeviceFailure, FailureKind};
+    use crate::exec::InjectedKind;
+    use crate::exec::messages::{Answer, FrameJob, FrameReply, Stop, TaskTime, Work};
+    use crate::exec::plan::{History, Plan};
+    use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
+    use crate::layout;
+    use crate::passes::path_trace::PARTITION;
+    use crate::passes::tonemap::{DISPLAY, LINEAR};
+    use crate::passes::{ROW_TALLY, aov_image};
+    use crate::scene::rig::Eye;
+    use crate::schedule::{Position, Split, Splits};
+    use crate::stages::Place;
+    use crate::tables::SceneUpdate;
+
+    fn job(seam: Seam, history: Option<History>) -> FrameJob {
+        let mut assignment = Assignment::uniform(Stripes::even(90, 3));
+        assignment.set(PARTITION, Eye::RIGHT, Stripes::from_edges(90, &[10, 70]));
+        // Device 0 was dropped.
+        let assignment = assignment.renumbered(&[1, 2, 3], 4);
+        let mut constants = layout::Frame::default();
+        constants.sampling.index = 7;
+        constants.environment.rotation = f32::NEG_INFINITY;
+        FrameJob {
+            plan: Plan { seam, iterations: 5, assignment, history, outputs: Some(vec![LINEAR.into()]) },
+            constants,
+            previous: layout::Previous {
+                views: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
+                sampling: layout::Sampling { reflections: 3, ..Default::default() },
+            },
+            views: vec![[layout::View { shift_x: 0.1, ..Default::default() }; 2]; 3],
+            update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]], left_out: 3 },
+            place: Place { slot: 2, turn: 1 },
+            reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
+            splits: Splits {
+                ends: vec![Split { task: 4, at: Position { run: 1, row: 16 } }],
+                probes: vec![6],
+                bound_ms: 200.0,
+            },
+            late: None,
+            runs: 2,
+            injected: Some(InjectedKind::Hang),
+            watch: None,
+        }
+    }
+
+    /// Returns orders of every kind.
+    fn orders() -> Vec<Order> {
+        let limit = Duration::from_micros(10_000_001);
+        let order = |work| Order { ticket: u64::MAX, limit, work };
+        let frame = |seam, history| order(Work::Frame(Box::new(job(seam, history))));
+        let halos = (0..3).flat_map(HaloPlan::all).chain([HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE]);
+        let seams = [Seam::None, Seam::Filter].into_iter().chain(halos.map(Seam::Halo));
+        let mut orders: Vec<_> = seams.map(|seam| frame(seam, None)).collect();
+        let before = Assignment::uniform(Stripes::even(90, 4));
+        orders.push(frame(Seam::None, Some(History { before, rows: 12, lost: vec![1] })));
+        let place = Place { slot: 0, turn: 1 };
+        orders.push(order(Work::Read { image: ROW_TALLY.into(), place, injected: None }));
+        orders
+    }
+
+    /// Returns replies of every kind.
+    fn replies() -> Vec<Reply> {
+        let reply = |answer| Reply { ticket: 3, device: 63, answer };
+        let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
+        let images = vec![vec![vec![0, 255], vec![7]], vec![vec![], vec![1]]];
+        let (shown_from, buffers) = (None, Vec::new());
+        let (clock_residual_us, begin_ms, end_ms, spp_done) = (0.2, -0.0, 0.7, Some(12));
+        let done = FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers, spp_done };
+        let done = [Answer::Frame(done), Answer::Pixels(vec![vec![1, 2], vec![3, 4]])];
+        let kinds = [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error];
+        let failure = |kind| Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() });
+        let stops = kinds.map(failure).into_iter().chain([Stop::Aborted]);
+        done.map(|answer| reply(Ok(answer))).into_iter().chain(stops.map(|stop| reply(Err(stop)))).collect()
+    }
 
     fn assert_comes_back(packet: Packet) {
         let bytes = packet.encode().unwrap();
-        assert_eq!(Packet::decode(bytes), Ok(packet));
+        let back = Packet::decode(bytes.clone()).unwrap();
+        assert_eq!((format!("{back:?}"), back.encode()), (format!("{packet:?}"), Ok(bytes)));
     }
 
     #[test]

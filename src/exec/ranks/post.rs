@@ -10,7 +10,7 @@ use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
 use tracing::span::EnteredSpan;
 
 use super::link::Link;
-use super::packet::{Packet, RankMessage, RowsName};
+use super::packet::{Packet, RankMessage};
 use super::peer::{Peer, Ping, TRIPS_TIME};
 use super::renderer_devices::RendererDevices;
 use super::shared::{Control, Shared};
@@ -128,14 +128,10 @@ impl<L: Link> Post<L> {
     }
 
     fn send(&mut self, to: usize, packet: &Packet) {
-        match self.outlet().send(to, packet) {
-            Ok(()) => {}
-            Err(what) => self.lose(to, &what),
+        let mut outlet = Outlet { link: &mut self.link, idle: &mut self.idle };
+        if let Err(what) = outlet.send(to, packet) {
+            self.lose(to, &what);
         }
-    }
-
-    fn outlet(&mut self) -> Outlet<'_, L> {
-        Outlet { link: &mut self.link, idle: &mut self.idle }
     }
 
     fn pass_on(&mut self) -> bool {
@@ -144,7 +140,7 @@ impl<L: Link> Post<L> {
         let mut outlet = Outlet { link, idle };
         let mut failed = Vec::new();
         let mut send = |to: usize, packet: Packet| {
-            let bytes = packet.rows().map_or(0, |rows| rows.bytes);
+            let bytes = packet.rows().2.unwrap_or(0);
             *sends_until_ms = sends_until_ms.max(now_ms) + bytes as f64 * peers[to].clock.ms_per_byte.unwrap_or(0.0);
             shared.row_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
             failed.extend(outlet.send(to, &packet).err().map(|what| (to, what)));
@@ -165,14 +161,13 @@ impl<L: Link> Post<L> {
                 return false;
             }
         };
-        let is_sign = packet.is_sign();
+        let (is_sign, (ticket, transfer, bytes)) = (packet.is_sign(), packet.rows());
         let _span = (!is_sign).then(|| {
             self.idle = None;
-            let (ticket, transfer, bytes) = packet.rows().map(RowsName::fields).unwrap_or_default();
             let rested_us = self.looked.elapsed().as_micros() as u64;
             tracing::info_span!("receive from rank", from, ticket, transfer, bytes, rested_us).entered()
         });
-        if packet.rows().is_some() {
+        if bytes.is_some() {
             self.rows_came_ms = self.now_ms();
         }
         match packet {
@@ -340,7 +335,7 @@ impl<L: Link> Outlet<'_, L> {
     fn send(&mut self, to: usize, packet: &Packet) -> Result<(), String> {
         let _span = (!packet.is_sign()).then(|| {
             *self.idle = None;
-            let (ticket, transfer, bytes) = packet.rows().map(RowsName::fields).unwrap_or_default();
+            let (ticket, transfer, bytes) = packet.rows();
             tracing::info_span!("send to rank", to, ticket, transfer, bytes).entered()
         });
         let bytes = packet.encode().map_err(|what| format!("a packet for it could not be encoded: {what}"))?;

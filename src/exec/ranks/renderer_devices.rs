@@ -4,7 +4,7 @@
 
 use std::time::Duration;
 
-use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
+use crossbeam::channel::{Select, Sender, TryRecvError};
 
 use super::packet::Packet;
 use crate::exec::channels::{RendererChannels, WorkerChannels};
@@ -95,7 +95,7 @@ impl RendererDevices {
     /// Makes `select` wake up for everything that [`Self::pass_on`] forwards.
     pub fn watch<'a>(&'a self, select: &mut Select<'a>) {
         for other in &self.others {
-            let (orders, inbox): (&Receiver<Order>, &Receiver<Message>) = other.end.receivers();
+            let (orders, inbox) = other.end.receivers();
             if !other.is_closed {
                 select.recv(orders);
             }

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use super::RankError;
-use super::device_card::DeviceCard;
+use super::agree::DeviceCard;
 use super::node::Node;
 use super::packet::{Load, RankMessage, Request, Response, Start};
 use super::renderer_devices::RendererDevices;
