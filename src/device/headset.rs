@@ -4,7 +4,7 @@
 //! With `XR_KHR_vulkan_enable2` the runtime creates the instance and the device from the program's create infos and
 //! adds the extensions that it needs. wgpu then adopts both, with the extensions that it requested itself.
 
-use std::ffi::{c_char, c_void};
+use std::ffi::{CStr, c_char, c_void};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use ash::vk::{self, Handle};
@@ -57,10 +57,7 @@ impl HeadsetDevice {
         first.request_threads();
         // SAFETY: the library that `load` opens is the system's Vulkan loader.
         let entry = unsafe { ash::Entry::load() }.map_err(failed("cannot load the Vulkan loader"))?;
-        let (instance, version) = Self::instance(&entry, xr, system)?;
-        let flags = instance_flags();
-        let extensions = hal::vulkan::Instance::desired_extensions(&entry, version, flags)
-            .map_err(failed("cannot list the Vulkan instance extensions"))?;
+        let (instance, version, extensions) = Self::instance(&entry, xr, system)?;
         let raw = (instance.handle().as_raw(), instance.clone());
         // SAFETY: the instance was created from this entry with this version and with these extensions, which are all
         // that wgpu requests there. wgpu destroys it when the last object created from it is dropped; the runtime does
@@ -74,7 +71,7 @@ impl HeadsetDevice {
                 0,
                 None,
                 extensions,
-                flags,
+                instance_flags(),
                 thresholds,
                 false,
                 None,
@@ -135,12 +132,13 @@ impl HeadsetDevice {
         self.renders.then(|| self.gpu.shared())
     }
 
-    /// Lets the runtime create the instance; returns it with the Vulkan version of the loader.
+    /// Lets the runtime create the instance; returns it with the Vulkan version of the loader and with the extensions
+    /// that wgpu requested.
     fn instance(
         entry: &ash::Entry,
         xr: &openxr::Instance,
         system: SystemId,
-    ) -> Result<(ash::Instance, u32), DeviceError> {
+    ) -> Result<(ash::Instance, u32, Vec<&'static CStr>), DeviceError> {
         let required = xr.graphics_requirements::<Vulkan>(system).map_err(failed("cannot query its requirements"))?;
         // SAFETY: the loader has been loaded.
         let version = unsafe { entry.try_enumerate_instance_version() }
@@ -168,7 +166,8 @@ impl HeadsetDevice {
         .map_err(failed("it cannot create a Vulkan instance"))?
         .map_err(|result| failed("it cannot create a Vulkan instance")(vk::Result::from_raw(result)))?;
         // SAFETY: this loader created the instance with that handle.
-        Ok((unsafe { ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(raw as u64)) }, version))
+        let instance = unsafe { ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(raw as u64)) };
+        Ok((instance, version, extensions))
     }
 
     /// Lets the runtime create the device.
@@ -178,7 +177,7 @@ impl HeadsetDevice {
         system: SystemId,
         instance: &ash::Instance,
         exposed: &hal::ExposedAdapter<hal::api::Vulkan>,
-        (extensions, features): (&[&'static std::ffi::CStr], wgpu::Features),
+        (extensions, features): (&[&'static CStr], wgpu::Features),
         family: u32,
     ) -> Result<ash::Device, DeviceError> {
         let mut features = exposed.adapter.physical_device_features(extensions, features);

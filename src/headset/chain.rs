@@ -31,7 +31,7 @@ pub fn offered(session: &Session<Vulkan>, formats: &[Format]) -> Result<Option<F
 pub struct Chain {
     textures: Vec<wgpu::Texture>,
     swapchain: Arc<Mutex<Swapchain<Vulkan>>>,
-    extent: Extent,
+    pub extent: Extent,
     pub format: wgpu::TextureFormat,
 }
 

@@ -52,7 +52,6 @@ struct Painter {
 pub struct Drawing {
     chain: Chain,
     painter: Painter,
-    extent: Extent,
 }
 
 impl Drawing {
@@ -75,7 +74,7 @@ impl Drawing {
         let Some(format) = offered(session, formats)? else { return Ok(None) };
         let chain = Chain::new(device, session, format, extent, 2)?;
         let painter = Painter::new(&device.gpu.device, chain.format);
-        Ok(Some(Self { chain, painter, extent }))
+        Ok(Some(Self { chain, painter }))
     }
 
     /// Fills the next image from the eyes' pixels. A scene unit is `metres_per_unit` long.
@@ -89,11 +88,12 @@ impl Drawing {
         eyes: &HeadEyes,
         metres_per_unit: f64,
     ) -> Result<(), HeadsetError> {
-        let Self { chain, painter, extent } = self;
+        let Self { chain, painter } = self;
+        let extent = chain.extent;
         chain.fill(gpu, |texture, encoder| {
             let eyes = [(pixels.left(), &eyes.left), (pixels.right(), &eyes.right)];
             for (layer, (pixels, eye)) in (0..).zip(eyes) {
-                let constants = Constants::new(*extent, &eye.fov, metres_per_unit);
+                let constants = Constants::new(extent, &eye.fov, metres_per_unit);
                 painter.paint(gpu, encoder, &constants, pixels, &painter.view(texture, layer));
             }
         })
@@ -161,14 +161,7 @@ impl Painter {
         view: &wgpu::TextureView,
     ) {
         let filled = |usage, bytes: &[u8]| {
-            let usage = usage | wgpu::BufferUsages::COPY_DST;
-            let descriptor = wgpu::BufferDescriptor {
-                label: Some("headset"),
-                size: bytes.len() as u64,
-                usage,
-                mapped_at_creation: false,
-            };
-            let buffer = gpu.device.create_buffer(&descriptor);
+            let buffer = gpu.buffer("headset", bytes.len() as u64, usage | wgpu::BufferUsages::COPY_DST);
             gpu.queue.write_buffer(&buffer, 0, bytes);
             buffer
         };
@@ -249,14 +242,8 @@ mod tests {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC,
             view_formats: &[format.remove_srgb_suffix()],
         });
-        let bytes = u64::from(4 * EXTENT.width * EXTENT.height);
         let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
-        let back = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: None,
-            size: bytes,
-            usage,
-            mapped_at_creation: false,
-        });
+        let back = gpu.buffer("read back", u64::from(4 * EXTENT.width * EXTENT.height), usage);
         let painter = Painter::new(&gpu.device, format);
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let constants = Constants::new(EXTENT, &FOV, 0.5);
@@ -313,12 +300,7 @@ mod tests {
         let from_host = |_: &GpuDevice| Pixels::Bytes(bytes.clone());
         let from_device = |gpu: &GpuDevice| {
             let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-            let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-                label: None,
-                size: bytes.len() as u64,
-                usage,
-                mapped_at_creation: false,
-            });
+            let buffer = gpu.buffer("pixels", bytes.len() as u64, usage);
             gpu.queue.write_buffer(&buffer, 0, &bytes);
             Pixels::Buffer(buffer)
         };

@@ -6,10 +6,16 @@ use super::drawing::Pixels;
 use super::input::Input;
 use super::pacing::{between_ms, shown_at};
 use super::panel::Panel;
-use super::sample::HeadSample;
 use crate::exec::PerView;
 use crate::scene::head::HeadPose;
 use crate::scene::optics::HeadEyes;
+
+/// Predicted pose of the head, and the time at which the prediction was made.
+#[derive(Clone, Copy, Debug)]
+pub struct HeadSample {
+    pub head: HeadPose,
+    pub(super) at: Option<Time>,
+}
 
 /// Result of waiting for the next frame.
 #[derive(Debug)]

@@ -4,10 +4,9 @@ use std::sync::Arc;
 
 use openxr::{Instance, Space, Time};
 
-use super::frame::HeadsetFrame;
+use super::frame::{HeadSample, HeadsetFrame};
 use super::pacing::shown_at;
 use super::pose::head_pose;
-pub use super::sample::HeadSample;
 
 /// Reference spaces in which poses are located.
 pub struct Spaces {
@@ -33,7 +32,8 @@ impl Locator {
         self.at(shown)
     }
 
-    fn now(&self) -> Option<Time> {
+    /// Returns the current time of the runtime's clock, if it has one.
+    pub(super) fn now(&self) -> Option<Time> {
         self.clock.as_ref()?.now().ok()
     }
 

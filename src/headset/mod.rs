@@ -16,15 +16,14 @@ mod pacing;
 mod panel;
 mod pose;
 mod runtime;
-mod sample;
 mod session;
 mod locomotion;
 
 pub use drawing::Pixels;
 pub use error::HeadsetError;
-pub use frame::{HeadsetFrame, Next, Picture, Shown};
+pub use frame::{HeadSample, HeadsetFrame, Next, Picture, Shown};
 pub use input::Input;
-pub use late_latching::{HeadSample, Locator};
+pub use late_latching::Locator;
 pub use lifecycle::State;
 pub use locomotion::Locomotion;
 pub use panel::Panel;

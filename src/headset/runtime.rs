@@ -2,7 +2,7 @@
 
 use openxr::sys;
 use openxr::{
-    ApplicationInfo, Entry, EnvironmentBlendMode, ExtensionSet, FormFactor, Instance, SystemId, Time, Version,
+    ApplicationInfo, Entry, EnvironmentBlendMode, ExtensionSet, FormFactor, Instance, SystemId, Version,
     ViewConfigurationType,
 };
 
@@ -27,7 +27,8 @@ pub struct Runtime {
     pub(super) takes_depth: bool,
     /// True if the runtime supports eye tracking.
     pub(super) tracks_eyes: bool,
-    tells_time: bool,
+    /// True if the runtime has a clock.
+    pub(super) tells_time: bool,
 }
 
 impl Runtime {
@@ -88,16 +89,6 @@ impl Runtime {
     /// Errors of the runtime or of the device.
     pub fn open_device(&self, first: &Wanted) -> Result<HeadsetDevice, DeviceError> {
         HeadsetDevice::open(&self.xr, self.system, first)
-    }
-
-    /// Returns the instance, to query the time from, if the runtime has a clock.
-    pub(super) fn clock(&self) -> Option<&Instance> {
-        self.tells_time.then_some(&self.xr)
-    }
-
-    /// Returns the current time of the runtime's clock, if it provides one.
-    pub(super) fn now(&self) -> Option<Time> {
-        self.clock()?.now().ok()
     }
 }
 

@@ -11,10 +11,10 @@ use openxr::{
 use super::chain::{COLOURS, DEPTHS};
 use super::drawing::{Drawing, depth_info};
 use super::error::{HeadsetError, OpenXrResult};
-use super::frame::{HeadsetFrame, Next, Picture, Shown};
+use super::frame::{HeadSample, HeadsetFrame, Next, Picture, Shown};
 use super::gaze::{GazeFilter, in_image};
 use super::input::{Controls, Input};
-use super::late_latching::{HeadSample, Locator, Spaces};
+use super::late_latching::{Locator, Spaces};
 use super::lifecycle::{Lifecycle, State, Step};
 use super::pacing::Pacing;
 use super::panel::Panel;
@@ -61,7 +61,7 @@ impl Headset {
         let (session, waiter, stream) = device.session(&runtime.xr, runtime.system).to("create a session")?;
         let space = |kind| session.create_reference_space(kind, Posef::IDENTITY).to("create a reference space");
         let spaces = Spaces { local: space(ReferenceSpaceType::LOCAL)?, head: space(ReferenceSpaceType::VIEW)? };
-        let locator = Locator { spaces: Arc::new(spaces), clock: runtime.clock().cloned() };
+        let locator = Locator { spaces: Arc::new(spaces), clock: runtime.tells_time.then(|| runtime.xr.clone()) };
         let lacks = HeadsetError::Lacks { runtime: runtime.name.clone(), what: "an 8-bit sRGB swapchain format" };
         let colour = Drawing::new(&device, &session, &COLOURS, extent)?.ok_or(lacks)?;
         let depth = if runtime.takes_depth { Drawing::new(&device, &session, &DEPTHS, extent)? } else { None };
@@ -248,7 +248,7 @@ impl Headset {
         let layers: [Option<&CompositionLayerBase<Vulkan>>; 2] = [Some(&world), panel.as_deref()];
         let layers: Vec<_> = layers.into_iter().flatten().collect();
         self.stream.end(frame.display, self.runtime.blend, &layers).to("accept the layers of a frame")?;
-        Ok(frame.shown(self.runtime.now()))
+        Ok(frame.shown(self.locator.now()))
     }
 
     /// Handles all pending events.
