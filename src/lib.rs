@@ -38,8 +38,8 @@
 //! }
 //! ```
 //!
-//! The folder `examples/` contains a similar program, a program with a custom pass, and programs that add a custom
-//! scheduling policy or a custom denoiser to all commands.
+//! The folder `examples` contains a similar program and one with a custom pass, and `cli/examples` programs that add a
+//! custom scheduling policy or a custom denoiser to all commands.
 
 pub mod image;
 pub mod scene;

@@ -110,8 +110,8 @@ pub struct Selection {
     /// Each number then has the same default of threads per device.
     pub most_virtual_devices: usize,
     /// Worker threads of each device on a software adapter: one number for all or one per device. The default is cores
-    /// / devices, for the largest number of devices. For drivers that read the number from the environment, call [`super::set_environment_hook`] first:
-    /// without a hook, the driver chooses the number, and a number here is an error.
+    /// / devices, for the largest number of devices. For drivers that read the number from the environment, call
+    /// [`super::set_environment_hook`] first: without a hook, the driver chooses the number, and a number here is an error.
     pub threads_per_device: Option<Vec<usize>>,
     pub traversal: TraversalChoice,
     /// Idle devices to use in place of new ones.

@@ -13,9 +13,8 @@ use crate::tables::SceneTables;
 impl RunConfig {
     /// Returns the defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, SVGF, and a
     /// radiance cache except for objects in the studio.
-    /// `tables` are those of `scene`.
-    pub fn of_scene(extent: Extent, scene: &Scene, tables: &SceneTables) -> Self {
-        let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) };
+    /// `needs` and `tables` are those of `scene`.
+    pub fn of_scene(extent: Extent, scene: &Scene, needs: SceneNeeds, tables: &SceneTables) -> Self {
         let mut config = Self::new(extent, needs);
         config.buffers.moving = tables.moving();
         // Most light comes directly, so that the cache costs more time than it saves.
@@ -29,7 +28,7 @@ impl RunConfig {
     /// # Errors
     /// A message if eyes with custom optics would need too large a rectified image.
     pub fn for_envelope(scene: &LoadedScene, extent: Extent, envelope: Envelope) -> Result<Self, String> {
-        let mut config = Self::of_scene(extent, &scene.scene, &scene.tables);
+        let mut config = Self::of_scene(extent, &scene.scene, scene.needs, &scene.tables);
         let rig = &scene.shot.rig;
         config.buffers.views = rig.views;
         if rig.convergence_m.is_some() && (rig.optics.is_some() || envelope.most.polar.is_some()) {

@@ -87,7 +87,7 @@ pub struct Frames {
     /// The last complete frame.
     pub whole: Option<CompleteFrame>,
     origin: Instant,
-    pub stop: StopFlag,
+    stop: StopFlag,
     /// True once `stop` has ended a wait: devices may be busy for a long time.
     is_stopped: bool,
 }

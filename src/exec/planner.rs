@@ -137,8 +137,6 @@ pub struct Planner {
     /// Number of devices at the start.
     devices: usize,
     graphs: Arc<Graphs>,
-    /// Seam, iterations and program of the frame whose costs were set last.
-    costed: Option<(Seam, u32, Arc<Program>)>,
     /// Assignment of the next frame, if it was already needed for a prediction.
     ahead: Option<Assignment>,
 }
@@ -151,7 +149,6 @@ impl Planner {
             adapts_halo: config.execution.adapts_halo,
             devices,
             graphs,
-            costed: None,
             ahead: None,
         }
     }
@@ -223,13 +220,8 @@ impl Planner {
     }
 
     /// Makes `costs` those of the frame to plan.
-    fn cost_frame(&mut self, costs: &mut CostModel, iterations: u32, relative_cost: &RelativeCost) {
-        if self.costed.as_ref().is_none_or(|(seam, number, _)| (*seam, *number) != (self.seam, iterations)) {
-            self.costed = Some((self.seam, iterations, self.graphs.planned_program(self.seam, iterations)));
-        }
-        if let Some((_, _, program)) = &self.costed {
-            costs.plan_for(program, relative_cost);
-        }
+    fn cost_frame(&self, costs: &mut CostModel, iterations: u32, relative_cost: &RelativeCost) {
+        costs.plan_for(&self.graphs.planned_program(self.seam, iterations), relative_cost);
     }
 }
 

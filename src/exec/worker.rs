@@ -3,7 +3,6 @@
 pub mod action;
 pub mod device;
 mod part;
-mod probing_state;
 mod speeds;
 pub mod protocol;
 

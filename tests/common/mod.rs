@@ -59,8 +59,8 @@ impl Subject {
     /// Returns settings with one sample per pixel, traced in both eyes through a pinhole, six bounces and no denoising.
     /// A quick run uses the features of [`shared_shaders`].
     pub fn settings(&self, width: u32, height: u32) -> RunConfig {
-        let mut settings = RunConfig::of_scene(Extent::new(width, height), &self.scene, &self.tables);
-        settings.buffers.needs = if is_thorough() { self.needs } else { shared_shaders(self.needs) };
+        let needs = if is_thorough() { self.needs } else { shared_shaders(self.needs) };
+        let mut settings = RunConfig::of_scene(Extent::new(width, height), &self.scene, needs, &self.tables);
         settings.buffers.reproject = false;
         settings.envelope.most.filter = None;
         settings

@@ -4,9 +4,9 @@ mod probing;
 
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::time::Instant;
 
 use super::device::WorkerDevice;
-use super::probing_state::Probing;
 use crate::device::DeviceFailure;
 use crate::device::staging::{ReadBack, Recorded};
 use crate::exec::late_latching::SampledPose;
@@ -46,6 +46,19 @@ pub struct Part {
     /// Readbacks of images in progress.
     images: Vec<Vec<ReadBack>>,
     shown_from: Option<Box<SampledPose>>,
+}
+
+/// State of the tasks that a device divides itself.
+#[derive(Default)]
+struct Probing {
+    /// Number of submissions of each task.
+    submissions: HashMap<usize, u32>,
+    /// Estimated cost of the work that is done.
+    done: f64,
+    /// Instant from which tasks end early.
+    ending: Option<Instant>,
+    /// Samples of the task that has ended with the fewest, of those that count.
+    least: Option<u32>,
 }
 
 impl Part {
@@ -251,7 +264,7 @@ impl Part {
         let (begin_ms, end_ms, shown_from) = (self.begin_ms, self.end_ms, self.shown_from.take());
         let is_primary = self.device == self.graph.primary;
         let buffers = if is_primary { device.buffers(&self.graph.program, self.job.place) } else { Vec::new() };
-        let spp_done = self.probing.spp_done();
+        let spp_done = self.probing.ending.and(self.probing.least);
         Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers, spp_done }))
     }
 }
