@@ -99,7 +99,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder, access: Access) -> Re
         (_, None, Some("gltf" | "glb")) => {
             let [name, stem] = [path.file_name(), path.file_stem()].map(|p| p.unwrap_or_default().to_string_lossy());
             let draft = asked(Draft::of(SceneSource::File(name.into_owned()), stem.into_owned()));
-            let scene = gltf::load_variant(path, &draft.play(), overrides.variant.as_deref(), access)?;
+            let scene = gltf::load(path, &draft.play(), overrides.variant.as_deref(), access)?;
             return Ok((draft, scene));
         }
         _ => {
@@ -122,7 +122,7 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder, access: Access) -> Re
         }
         SceneSource::File(name) => {
             let path = folder.find(&name).map_err(|error| error.in_file(arg))?;
-            let scene = gltf::load_variant(&path, &draft.play(), overrides.variant.as_deref(), access)?;
+            let scene = gltf::load(&path, &draft.play(), overrides.variant.as_deref(), access)?;
             Ok((draft, scene))
         }
     }

@@ -17,6 +17,7 @@ use flate2::read::GzDecoder;
 
 use super::budget::Budget;
 use super::folder::{Access, Files, Source};
+use super::motion::play::Play;
 use super::{Scene, SceneError, gltf};
 
 /// A scene that comes with this crate.
@@ -97,5 +98,6 @@ fn read(name: &str, compressed: &[u8]) -> Result<Scene, SceneError> {
     inflated.map_err(|source| SceneError::Read { path: path.display().to_string(), source })?;
     let files = Files::from([(path.clone(), bytes)]);
     let budget = Budget::unlimited();
-    gltf::load(&path, Access { strict: true, source: Source::Sent(&files), ..Access::of(&budget) })
+    let access = Access { strict: true, source: Source::Sent(&files), ..Access::of(&budget) };
+    gltf::load(&path, &Play::default(), None, access)
 }

@@ -70,32 +70,16 @@ const MAX_INSTANCES: usize = 1 << 22;
 /// Upper bound on the bytes per instance in a growing list, including the list's spare capacity.
 const INSTANCE_BYTES: usize = 3 * size_of::<Instance>();
 
-/// Loads a file like [`load_playing`], with all its animations looping.
-///
-/// # Errors
-/// Errors of [`load_playing`].
-pub fn load(path: &Path, access: Access) -> Result<Scene, SceneError> {
-    load_playing(path, &Play::default(), access)
-}
-
 /// Reads the default scene of the file at `path`, whose references are relative to its folder. `play` selects the
-/// scene's motion.
+/// scene's motion, and `variant` is the name of a material variant; `None` is the default look.
 ///
 /// # Errors
 /// [`SceneError::Read`] names a file that cannot be read, [`SceneError::Extensions`] the unsupported required
-/// extensions, [`SceneError::Invalid`] the invalid part of the file or the unknown animation or node of `play`,
+/// extensions, [`SceneError::Invalid`] the invalid part of the file, or the animation, node or variant that it lacks,
 /// [`SceneError::Refused`] a request that `access` has no room for or does not allow.
-pub fn load_playing(path: &Path, play: &Play, access: Access) -> Result<Scene, SceneError> {
-    load_variant(path, play, None, access)
-}
-
-/// Loads a file like [`load_playing`], in the look of the material variant of this name.
-///
-/// # Errors
-/// Errors of [`load_playing`], and [`SceneError::Invalid`] if the file has no such variant.
-pub fn load_variant(path: &Path, play: &Play, variant: Option<&str>, access: Access) -> Result<Scene, SceneError> {
-    let bytes = folder::read(path, access).map_err(|error| error.in_file(&path.display().to_string()))?;
-    parse(&bytes, path, play, variant, access).map_err(|fault| fault.in_file(path))
+pub fn load(path: &Path, play: &Play, variant: Option<&str>, access: Access) -> Result<Scene, SceneError> {
+    let read = || parse(&folder::read(path, access)?, path, play, variant, access);
+    read().map_err(|fault| fault.in_file(path))
 }
 
 /// Parses `bytes` that were read from `path`.

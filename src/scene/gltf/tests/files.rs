@@ -9,6 +9,7 @@ use serde_json::json;
 use super::{CORNERS, Draft, assert_mentions, load, read};
 use crate::scene::budget::{Budget, ByteSize};
 use crate::scene::folder::Access;
+use crate::scene::motion::play::Play;
 use crate::scene::{Scene, SceneError};
 
 #[test]
@@ -254,7 +255,7 @@ fn of_one_file(folder: &Path, length: usize, count: usize) -> (PathBuf, Draft) {
 fn load_within(path: &Path, draft: &Draft, bytes: u64) -> Result<Scene, SceneError> {
     fs::write(path, draft.json.to_string()).unwrap();
     let budget = Budget::new(ByteSize(bytes));
-    crate::scene::gltf::load(path, Access::of(&budget))
+    crate::scene::gltf::load(path, &Play::default(), None, Access::of(&budget))
 }
 
 #[test]

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use super::{Draft, assert_mentions, load};
 use crate::scene::budget::Budget;
 use crate::scene::folder::Access;
+use crate::scene::motion::play::Play;
 use crate::scene::{AlphaMode, Material, NormalMap, TextureRef, Wrap};
 
 /// Two texels in a row.
@@ -164,7 +165,8 @@ fn bad_images_beside_the_file_are_named() {
         assert_mentions(&scene.warnings[0], &["images that cannot be read are left out", "image 0 'a%20wall.png'"]);
         assert_mentions(&scene.warnings[0], words);
         let budget = Budget::unlimited();
-        let strict = crate::scene::gltf::load(&path, Access { strict: true, ..Access::of(&budget) });
+        let access = Access { strict: true, ..Access::of(&budget) };
+        let strict = crate::scene::gltf::load(&path, &Play::default(), None, access);
         assert_mentions(&strict.unwrap_err().to_string(), words);
     };
     mentions(&["a wall.png", "cannot read"]);

@@ -158,7 +158,7 @@ fn any(budget: &Budget) -> Access<'_> {
 }
 
 fn load(path: &Path) -> Result<Scene, SceneError> {
-    super::load(path, any(&Budget::unlimited()))
+    super::load(path, &Play::default(), None, any(&Budget::unlimited()))
 }
 
 #[track_caller]

@@ -3,9 +3,9 @@
 use std::env;
 use std::path::PathBuf;
 
-use super::super::load_playing;
 use super::{any, load};
 use crate::scene::budget::Budget;
+use crate::scene::gltf;
 use crate::scene::motion::play::{Choice, Play};
 
 /// Returns `DIPTYCH_SCENES`, else the folder beside the crate.
@@ -61,7 +61,7 @@ fn real_scenes_move() {
         assert_eq!(rest.motion.moves().unwrap().skinned_instances, skinned, "{file}");
         for name in names {
             let play = Play { animation: Choice::of(name), ..Play::default() };
-            let scene = load_playing(&path, &play, any(&Budget::unlimited())).unwrap();
+            let scene = gltf::load(&path, &play, None, any(&Budget::unlimited())).unwrap();
             assert_eq!(scene.warnings, [""; 0], "{file}");
             let first = scene.at(0.0);
             let mut other = 0;
