@@ -8,6 +8,7 @@ use ::image::{ImageDecoder, ImageError as DecodeError};
 
 use super::SceneError;
 use super::budget::Budget;
+use super::error::Fault;
 use super::folder::{self, Access};
 use crate::image::{Extent, Image, ImageError, RgbImage, exr};
 
@@ -25,7 +26,7 @@ const LARGEST_AREA: usize = 1 << 28;
 pub fn read_latlong(path: &Path, scale: f32, access: Access) -> Result<(RgbImage, usize), SceneError> {
     let name = || path.display().to_string();
     let budget = access.budget;
-    let file = folder::read(path, access).map_err(|error| error.in_file(&name()))?;
+    let file = folder::read(path, access).map_err(|error| error.in_file(path))?;
     let is_hdr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hdr"));
     let mut image = if is_hdr { read_hdr(&name(), &file, budget)? } else { read_exr(path, &file, budget)? };
     let mut bad_pixels = 0;
@@ -45,14 +46,14 @@ fn read_exr(path: &Path, bytes: &[u8], budget: &Budget) -> Result<RgbImage, Scen
     let name = path.display().to_string();
     let image = exr::decode_rgb(path, bytes, budget.left()).map_err(|error| match error {
         ImageError::TooLarge { needed, .. } => match budget.reserve(needed) {
-            Err(exceeded) => SceneError::refused(&name, exceeded),
+            Err(exceeded) => Fault::from(exceeded).in_file(&name),
             Ok(_) => error.into(),
         },
         other => other.into(),
     })?;
     budget
         .reserve((image.extent.area() * PIXEL_BYTES) as u64)
-        .map_err(|error| SceneError::refused(&name, error))?
+        .map_err(|error| Fault::from(error).in_file(&name))?
         .keep();
     Ok(image)
 }
@@ -82,7 +83,7 @@ fn read_hdr(name: &str, bytes: &[u8], budget: &Budget) -> Result<RgbImage, Scene
         )));
     }
     let reserved =
-        budget.reserve((extent.area() * PIXEL_BYTES) as u64).map_err(|error| SceneError::refused(name, error))?;
+        budget.reserve((extent.area() * PIXEL_BYTES) as u64).map_err(|error| Fault::from(error).in_file(name))?;
     let mut image = Image::filled(extent, [0.0; 3]);
     decoder.read_image(bytemuck::cast_slice_mut(&mut image.pixels)).map_err(decode_error)?;
     reserved.keep();

@@ -1,6 +1,7 @@
 //! Errors of scenes and shots.
 
 use std::fmt;
+use std::path::Path;
 
 use super::budget::Exceeded;
 use crate::image::ImageError;
@@ -27,10 +28,49 @@ pub enum SceneError {
     Image(#[from] ImageError),
 }
 
-impl SceneError {
-    /// Returns [`Self::Refused`] for a request that has no particular location in the file.
-    pub(super) fn refused(path: &str, refusal: impl Into<Refusal>) -> Self {
-        Self::Refused { path: path.to_owned(), place: String::new(), refusal: refusal.into() }
+/// A [`SceneError`] without the file's name.
+#[derive(Debug)]
+pub enum Fault {
+    Invalid(String),
+    /// A request that is not allowed or exceeds the budget. `place` is its location in the file, followed by `: `, or
+    /// is empty.
+    Refused {
+        place: String,
+        refusal: Refusal,
+    },
+    Read {
+        path: String,
+        source: std::io::Error,
+    },
+    Extensions {
+        extensions: Vec<String>,
+        hint: String,
+    },
+}
+
+impl Fault {
+    /// Converts to a [`SceneError`]. `path` is the faulty file, or the one that made the request; a read error names
+    /// the file that could not be read.
+    pub fn in_file(self, path: impl AsRef<Path>) -> SceneError {
+        let file = path.as_ref().display().to_string();
+        match self {
+            Fault::Invalid(what) => SceneError::Invalid { path: file, what },
+            Fault::Refused { place, refusal } => SceneError::Refused { path: file, place, refusal },
+            Fault::Read { path, source } => SceneError::Read { path, source },
+            Fault::Extensions { extensions, hint } => SceneError::Extensions { path: file, extensions, hint },
+        }
+    }
+}
+
+impl From<Exceeded> for Fault {
+    fn from(error: Exceeded) -> Self {
+        Refusal::from(error).into()
+    }
+}
+
+impl From<Refusal> for Fault {
+    fn from(refusal: Refusal) -> Self {
+        Fault::Refused { place: String::new(), refusal }
     }
 }
 

@@ -7,8 +7,9 @@ use std::io::{self, Read};
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::budget::{Budget, Exceeded, Held};
-use super::{Refusal, SceneError};
+use super::Refusal;
+use super::budget::{Budget, Held};
+use super::error::Fault;
 
 /// Permissions for reading a scene's files, and the source that they are read from.
 #[derive(Clone, Copy, Debug)]
@@ -50,31 +51,6 @@ pub enum Source<'a> {
     Shot(&'a str),
 }
 
-/// A failed access to a file. [`Self::in_file`] converts it to a [`SceneError`] once the file that asked for the access
-/// is known.
-#[derive(Debug)]
-pub enum AccessError {
-    Read { path: PathBuf, source: io::Error },
-    Refused(Refusal),
-}
-
-impl AccessError {
-    /// Converts to a [`SceneError`]. A refusal names `path`, the file that asked for the access. A read error names the
-    /// file that could not be read.
-    pub fn in_file(self, path: &str) -> SceneError {
-        match self {
-            Self::Read { path, source } => SceneError::Read { path: path.display().to_string(), source },
-            Self::Refused(refusal) => SceneError::refused(path, refusal),
-        }
-    }
-}
-
-impl From<Exceeded> for AccessError {
-    fn from(error: Exceeded) -> Self {
-        Self::Refused(error.into())
-    }
-}
-
 /// Folder of a file. The names of other files in that file are relative to this folder.
 #[derive(Clone, Debug)]
 pub struct Folder<'a> {
@@ -91,9 +67,9 @@ impl<'a> Folder<'a> {
     /// Returns the path of a named file. The name's parts are separated by `/`, or by the `\` of Windows.
     ///
     /// # Errors
-    /// [`AccessError`] if access is denied, or if there is no such file.
-    pub fn find(&self, name: &str) -> Result<PathBuf, AccessError> {
-        let outside = || AccessError::Refused(Refusal::Outside(shorten(name)));
+    /// [`Fault`] if access is denied, or if there is no such file.
+    pub fn find(&self, name: &str) -> Result<PathBuf, Fault> {
+        let outside = || Fault::from(Refusal::Outside(shorten(name)));
         let slashed = name.replace('\\', "/");
         let path = self.path.join(&slashed);
         if self.access.allow_outside || matches!(self.access.source, Source::Sent(_)) {
@@ -112,7 +88,7 @@ impl<'a> Folder<'a> {
         }
         let real = |at: &Path| {
             let at = if at.as_os_str().is_empty() { Path::new(".") } else { at };
-            fs::canonicalize(at).map_err(|source| AccessError::Read { path: path.clone(), source })
+            fs::canonicalize(at).map_err(|source| Fault::Read { path: path.display().to_string(), source })
         };
         let is_below = real(&path)?.starts_with(real(&self.path)?);
         if is_below { Ok(path) } else { Err(outside()) }
@@ -145,9 +121,9 @@ fn leads_down(name: &str) -> bool {
 /// Reads a whole regular file. Rejects pipes and devices, which may never end.
 ///
 /// # Errors
-/// [`AccessError`] if the file cannot be read or exceeds the budget.
-pub fn read<'a>(path: &Path, access: Access<'a>) -> Result<Held<'a>, AccessError> {
-    let failed = |source| AccessError::Read { path: path.to_owned(), source };
+/// [`Fault`] if the file cannot be read or exceeds the budget.
+pub fn read<'a>(path: &Path, access: Access<'a>) -> Result<Held<'a>, Fault> {
+    let failed = |source| Fault::Read { path: path.display().to_string(), source };
     if let Source::Sent(files) = access.source {
         let bytes = files.get(path).ok_or_else(|| failed(io::ErrorKind::NotFound.into()))?;
         let reserved = access.budget.reserve(bytes.len() as u64)?;
@@ -259,7 +235,7 @@ mod tests {
         assert!(["10 bytes", "5 bytes", "15 bytes", "raise the limit"].iter().all(|p| error.contains(p)), "{error}");
         drop(held);
         assert_eq!(budget.left(), 15);
-        assert!(matches!(read(outer.path(), Access::of(&budget)), Err(AccessError::Read { .. })));
+        assert!(matches!(read(outer.path(), Access::of(&budget)), Err(Fault::Read { .. })));
     }
 
     #[test]
@@ -273,8 +249,8 @@ mod tests {
         let access = Access { source: Source::Sent(&files), ..Access::of(&budget) };
         let found = Folder::of(&path, access).find("own.bin").unwrap();
         assert_eq!(&*read(&found, access).unwrap(), b"inner/own.bin");
-        assert!(matches!(read(&path.with_file_name("other.bin"), access), Err(AccessError::Read { .. })));
+        assert!(matches!(read(&path.with_file_name("other.bin"), access), Err(Fault::Read { .. })));
         let small = Budget::new(ByteSize(5));
-        assert!(matches!(read(&found, Access { budget: &small, ..access }), Err(AccessError::Refused(_))));
+        assert!(matches!(read(&found, Access { budget: &small, ..access }), Err(Fault::Refused { .. })));
     }
 }

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SceneError;
 use super::budget::Budget;
+use super::error::Fault;
 use super::folder::{self, Access};
 use super::optics::{HeadEyes, Rectified};
 use super::rig::{Rig, RigKey, Turning};
@@ -202,9 +203,8 @@ impl HeadMotion {
     /// # Errors
     /// [`SceneError`] with the line, if the file cannot be read, exceeds the budget or is no head motion.
     pub fn read(path: &Path, budget: &Budget) -> Result<Self, SceneError> {
-        let name = path.display().to_string();
-        let held = folder::read(path, Access::of(budget)).map_err(|error| error.in_file(&name))?;
-        Self::parse(&held.bytes).map_err(|what| SceneError::Invalid { path: name, what })
+        let read = || Self::parse(&folder::read(path, Access::of(budget))?).map_err(Fault::Invalid);
+        read().map_err(|fault| fault.in_file(path))
     }
 
     /// Parses a header line and one sample per line.

@@ -9,6 +9,7 @@ use glam::Vec3;
 use super::budget::Budget;
 use super::complete::{Look, Overrides, complete};
 use super::environment::read_latlong;
+use super::error::Fault;
 use super::folder::{self, Access, Folder, Source};
 use super::motion::Motion;
 use super::motion::play::{Choice, Move, Moved, Play};
@@ -40,7 +41,7 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
         let shot = complete(draft, overrides, &mut scene, &Motion::default(), access.budget)?;
         (shot, studio::bounds_of_object(&scene))
     } else {
-        let _copy = access.budget.reserve(scene.bytes_at()).map_err(|error| SceneError::refused(arg, error))?;
+        let _copy = access.budget.reserve(scene.bytes_at()).map_err(|error| Fault::from(error).in_file(arg))?;
         let mut still = scene.at(overrides.time_s);
         let shot = complete(draft, overrides, &mut still, &scene.motion, access.budget)?;
         let bounds = studio::bounds_of_object(&still);
@@ -151,9 +152,11 @@ fn play_builtin(scene: &mut Scene, play: &Play, arg: &str) -> Result<(), SceneEr
 }
 
 fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
-    let name = path.display().to_string();
-    let held = folder::read(path, access).map_err(|error| error.in_file(&name))?;
-    let no_text = |error| SceneError::Read { path: name, source: io::Error::new(io::ErrorKind::InvalidData, error) };
+    let held = folder::read(path, access).map_err(|error| error.in_file(path))?;
+    let no_text = |error| SceneError::Read {
+        path: path.display().to_string(),
+        source: io::Error::new(io::ErrorKind::InvalidData, error),
+    };
     String::from_utf8(held.bytes).map_err(no_text)
 }
 
@@ -183,7 +186,7 @@ fn put_around(
         Sky::Studio | Sky::Clear => {
             let mut image = if environment.sky == Sky::Studio { studio::studio() } else { studio::sky() };
             let bytes = size_of_val(&image.pixels[..]) as u64;
-            folder.access.budget.reserve(bytes).map_err(|error| SceneError::refused(origin, error))?.keep();
+            folder.access.budget.reserve(bytes).map_err(|error| Fault::from(error).in_file(origin))?.keep();
             image
                 .pixels
                 .as_flattened_mut()

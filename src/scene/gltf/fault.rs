@@ -1,72 +1,10 @@
 //! Errors and warnings of reading a glTF file.
 
 use std::collections::HashMap;
-use std::path::Path;
 
-use crate::scene::budget::Exceeded;
-use crate::scene::folder::AccessError;
-use crate::scene::{Refusal, SceneError};
-
-/// A [`SceneError`] without the file's name.
-#[derive(Debug)]
-pub enum Fault {
-    Invalid(String),
-    /// A request that is not allowed or exceeds the budget. `place` is its location in the file, followed by `: `, or
-    /// is empty.
-    Refused {
-        place: String,
-        refusal: Refusal,
-    },
-    Read {
-        path: String,
-        source: std::io::Error,
-    },
-    Extensions {
-        extensions: Vec<String>,
-        hint: String,
-    },
-}
+pub use crate::scene::error::Fault;
 
 pub type Outcome<T> = Result<T, Fault>;
-
-impl Fault {
-    pub fn in_file(self, path: &Path) -> SceneError {
-        let file = path.display().to_string();
-        match self {
-            Fault::Invalid(what) => SceneError::Invalid { path: file, what },
-            Fault::Refused { place, refusal } => SceneError::Refused { path: file, place, refusal },
-            Fault::Read { path, source } => SceneError::Read { path, source },
-            Fault::Extensions { extensions, hint } => SceneError::Extensions { path: file, extensions, hint },
-        }
-    }
-}
-
-impl From<String> for Fault {
-    fn from(what: String) -> Self {
-        Fault::Invalid(what)
-    }
-}
-
-impl From<AccessError> for Fault {
-    fn from(error: AccessError) -> Self {
-        match error {
-            AccessError::Read { path, source } => Fault::Read { path: path.display().to_string(), source },
-            AccessError::Refused(refusal) => refusal.into(),
-        }
-    }
-}
-
-impl From<Exceeded> for Fault {
-    fn from(error: Exceeded) -> Self {
-        Refusal::from(error).into()
-    }
-}
-
-impl From<Refusal> for Fault {
-    fn from(refusal: Refusal) -> Self {
-        Fault::Refused { place: String::new(), refusal }
-    }
-}
 
 /// Prefixes an error with its location in the file, such as `mesh 3 'Chair'`.
 pub trait Within {

@@ -40,7 +40,7 @@ impl<'a> Target<'a> {
     pub fn read<'b>(&self, access: Access<'b>) -> Outcome<Held<'b>> {
         match self {
             Self::Data(rest) => decode_data(rest, access.budget),
-            Self::File(path) => Ok(folder::read(path, access)?),
+            Self::File(path) => folder::read(path, access),
         }
     }
 }
