@@ -72,6 +72,12 @@ impl<T: Clone> Image<T> {
 }
 
 impl<T> Image<T> {
+    /// Makes an image of the values that `pixel` returns for column and row.
+    pub fn from_fn(extent: Extent, pixel: impl Fn(u32, u32) -> T) -> Self {
+        let places = extent.rows().flat_map(|y| (0..extent.width).map(move |x| (x, y)));
+        Self { extent, pixels: places.map(|(x, y)| pixel(x, y)).collect() }
+    }
+
     /// Returns the pixels of `rows`, top to bottom.
     pub fn rows(&self, rows: Range<u32>) -> &[T] {
         let w = self.extent.width as usize;

@@ -20,8 +20,7 @@ pub fn reduced(picture: &DisplayImage, width: u32) -> DisplayImage {
             level(srgb_from_linear(sum / area))
         })
     };
-    let pixels = extent.rows().flat_map(|y| (0..extent.width).map(move |x| (x, y))).map(|(x, y)| pixel(x, y));
-    Image { extent, pixels: pixels.collect() }
+    Image::from_fn(extent, pixel)
 }
 
 /// Puts the pictures of all views of a rig into one: two eyes side by side, more views in rows of four.

@@ -30,11 +30,11 @@ impl Pair {
 }
 
 /// Returns the banding index of a picture's luma in the limited range, 16 … 235.
-pub fn cambi(luma: &Image<u8>) -> f64 {
+fn cambi(luma: &Image<u8>) -> f64 {
     // 65 pixels at 3840x2160.
     let window = (65 * (luma.extent.width + luma.extent.height) / 6000) | 1;
     // The mean of four pixels suppresses dither, and their sum has 10 bits.
-    let mut levels = map(luma.extent, |x, y| square(luma, x, y).map(u16::from).iter().sum());
+    let mut levels = Image::from_fn(luma.extent, |x, y| square(luma, x, y).map(u16::from).iter().sum());
     let mut mask = spatial_mask(&levels);
     let mut score = 0.0;
     for weight in [16.0, 8.0, 4.0, 2.0, 1.0] {
@@ -48,12 +48,6 @@ pub fn cambi(luma: &Image<u8>) -> f64 {
     score / f64::from(window * window)
 }
 
-/// Makes an image of a function of coordinates.
-fn map<T>(extent: Extent, pixel: impl Fn(u32, u32) -> T) -> Image<T> {
-    let pixels = extent.rows().flat_map(|y| (0..extent.width).map(move |x| (x, y))).map(|(x, y)| pixel(x, y)).collect();
-    Image { extent, pixels }
-}
-
 /// Returns a pixel, those on its right and below it, and the one on the right below. Beyond the border, pixels repeat.
 fn square<T: Copy>(image: &Image<T>, x: u32, y: u32) -> [T; 4] {
     let (right, below) = ((x + 1).min(image.extent.width - 1), (y + 1).min(image.extent.height - 1));
@@ -63,13 +57,13 @@ fn square<T: Copy>(image: &Image<T>, x: u32, y: u32) -> [T; 4] {
 /// Marks smooth regions, in which most pixels of 7x7 equal those on the right and below.
 fn spatial_mask(levels: &Image<u16>) -> Image<bool> {
     let Extent { width, height } = levels.extent;
-    let is_flat = map(levels.extent, |x, y| {
+    let is_flat = Image::from_fn(levels.extent, |x, y| {
         let [own, right, below, _] = square(levels, x, y);
         own == right && own == below
     });
     let log_blocks = (width / 64 * (height / 64)).max(1).next_power_of_two().ilog2();
     let most = (49 + 3 * log_blocks - 33 - 1) as usize / 2;
-    map(levels.extent, |x, y| {
+    Image::from_fn(levels.extent, |x, y| {
         let rows = (y.saturating_sub(3)..(y + 4).min(height)).map(|y| is_flat.rows(y..y + 1));
         let square = rows.flat_map(|row| &row[x.saturating_sub(3) as usize..(x + 4).min(width) as usize]);
         square.filter(|is_flat| **is_flat).count() > most
@@ -78,7 +72,7 @@ fn spatial_mask(levels: &Image<u16>) -> Image<bool> {
 
 fn halved<T: Copy>(image: &Image<T>) -> Image<T> {
     let extent = Extent::new(image.extent.width.div_ceil(2), image.extent.height.div_ceil(2));
-    map(extent, |x, y| *image.get(2 * x, 2 * y))
+    Image::from_fn(extent, |x, y| *image.get(2 * x, 2 * y))
 }
 
 /// Replaces levels by the mode of three pixels, or their minimum, along rows and then columns inside the image.
@@ -89,11 +83,11 @@ fn mode_filtered(levels: &Image<u16>) -> Image<u16> {
         if three[1] == three[2] { three[1] } else { three[0] }
     };
     let is_inside = |at: u32, end: u32| at > 0 && at + 1 < end;
-    let along_rows = map(levels.extent, |x, y| {
+    let along_rows = Image::from_fn(levels.extent, |x, y| {
         let at = |x| *levels.get(x, y);
         if is_inside(x, width) { mode([x - 1, x, x + 1].map(at)) } else { at(x) }
     });
-    map(levels.extent, |x, y| {
+    Image::from_fn(levels.extent, |x, y| {
         let at = |y| *along_rows.get(x, y);
         if is_inside(y, height) { mode([y - 1, y, y + 1].map(at)) } else { *levels.get(x, y) }
     })

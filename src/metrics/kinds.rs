@@ -252,8 +252,7 @@ mod tests {
     }
 
     fn image(pixel: impl Fn(u32, u32) -> [f32; 3]) -> RgbImage {
-        let pixels = (0..EXTENT.height).flat_map(|y| (0..EXTENT.width).map(move |x| (x, y)));
-        Image { extent: EXTENT, pixels: pixels.map(|(x, y)| pixel(x, y)).collect() }
+        Image::from_fn(EXTENT, pixel)
     }
 
     /// A white wall at distance 2, without edges.

@@ -4,7 +4,7 @@
 //! values](crate::image::display::display_value), 0 … 1, which weigh bright noise as it is perceived. They depend on
 //! the exposure, which a [`Pair`] fixes.
 
-pub mod cambi;
+mod cambi;
 mod convolve;
 pub mod disparity;
 pub mod error;

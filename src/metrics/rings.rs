@@ -120,11 +120,7 @@ mod tests {
 
     fn pair_of(extent: Extent, image: impl Fn(u32, u32) -> f32) -> Pair {
         let reference = RgbImage::filled(extent, [1.0; 3]);
-        let mut changed = reference.clone();
-        for (i, pixel) in changed.pixels.iter_mut().enumerate() {
-            *pixel = [image(i as u32 % extent.width, i as u32 / extent.width); 3];
-        }
-        Pair::new(&reference, &changed, 0.0).unwrap()
+        Pair::new(&reference, &RgbImage::from_fn(extent, |x, y| [image(x, y); 3]), 0.0).unwrap()
     }
 
     /// Compares with closed forms for a square image with a field of view of 90 degrees. From the centre, the edges are

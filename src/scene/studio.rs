@@ -115,13 +115,12 @@ pub fn sky() -> RgbImage {
 }
 
 fn latlong(radiance: impl Fn(Vec3) -> Vec3) -> RgbImage {
-    let pixels = (0..EXTENT.area() as u32).map(|i| {
-        let [x, y] = [i % EXTENT.width, i / EXTENT.width].map(|side| side as f32 + 0.5);
+    Image::from_fn(EXTENT, |x, y| {
+        let [x, y] = [x, y].map(|side| side as f32 + 0.5);
         let azimuth = (x / EXTENT.width as f32 - 0.5) * std::f32::consts::TAU;
         let (sin_theta, cos_theta) = polar_angle(y).sin_cos();
         radiance(vec3(sin_theta * azimuth.sin(), cos_theta, -sin_theta * azimuth.cos())).to_array()
-    });
-    Image { extent: EXTENT, pixels: pixels.collect() }
+    })
 }
 
 /// Returns the angle from the zenith at row `y`, in pixels from the top of the image.

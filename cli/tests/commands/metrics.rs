@@ -21,8 +21,7 @@ fn scene(width: u32, height: u32) -> RgbImage {
         let checker = if (x / 8 + y / 8) % 2 == 1 { 1.6 } else { 0.1 };
         [2.0 * f64::from(x) / f64::from(width), f64::from(y) / f64::from(height), checker].map(|c| c as f32)
     };
-    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| radiance(x, y))).collect();
-    Image { extent: Extent::new(width, height), pixels }
+    Image::from_fn(Extent::new(width, height), radiance)
 }
 
 fn noisy(image: &RgbImage, seed: u32) -> RgbImage {
@@ -35,11 +34,7 @@ fn noisy(image: &RgbImage, seed: u32) -> RgbImage {
 fn resampled(image: &RgbImage, pixel: impl Fn(&dyn Fn(i64, i64) -> [f32; 3]) -> [f32; 3]) -> RgbImage {
     let Extent { width, height } = image.extent;
     let at = |x: i64, y: i64| *image.get(x.clamp(0, width as i64 - 1) as u32, y.clamp(0, height as i64 - 1) as u32);
-    let pixels = (0..i64::from(height))
-        .flat_map(|y| (0..i64::from(width)).map(move |x| (x, y)))
-        .map(|(x, y)| pixel(&|dx, dy| at(x + dx, y + dy)))
-        .collect();
-    Image { extent: image.extent, pixels }
+    Image::from_fn(image.extent, |x, y| pixel(&|dx, dy| at(i64::from(x) + dx, i64::from(y) + dy)))
 }
 
 fn blurred(image: &RgbImage) -> RgbImage {

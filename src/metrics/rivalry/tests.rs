@@ -29,19 +29,16 @@ pub(in crate::metrics) fn world_to_ndc(eye: usize) -> [[f32; 4]; 4] {
 }
 
 pub(in crate::metrics) fn image(of: impl Fn(usize, usize) -> [f64; 3]) -> RgbImage {
-    let width = EXTENT.width as usize;
     let linear = |shown: f64| {
         let linear = linear_from_srgb(shown);
         (linear / (1.0 - linear)) as f32
     };
-    RgbImage { extent: EXTENT, pixels: (0..EXTENT.area()).map(|i| of(i % width, i / width).map(linear)).collect() }
+    RgbImage::from_fn(EXTENT, |x, y| of(x as usize, y as usize).map(linear))
 }
 
 pub(in crate::metrics) fn surfaces(eye: usize) -> Surfaces {
-    let width = EXTENT.width as usize;
-    let pixels = (0..EXTENT.area()).map(|i| position(eye, i % width, i / width)).collect();
-    let normal = RgbImage { extent: EXTENT, pixels: vec![[0.0, 0.0, 1.0]; EXTENT.area()] };
-    Surfaces::new(RgbImage { extent: EXTENT, pixels }, normal).unwrap()
+    let positions = RgbImage::from_fn(EXTENT, |x, y| position(eye, x as usize, y as usize));
+    Surfaces::new(positions, RgbImage::filled(EXTENT, [0.0, 0.0, 1.0])).unwrap()
 }
 
 fn in_right() -> Vec<Sighting> {

@@ -12,17 +12,14 @@ const SQUARE: f64 = 0.8;
 
 /// Returns a grey image with these display values by column and row.
 fn grey(shown: impl Fn(usize, usize) -> f64) -> RgbImage {
-    let width = EXTENT.width as usize;
-    let pixel = |i| {
-        let linear = linear_from_srgb(shown(i % width, i / width));
+    vectors(|x, y| {
+        let linear = linear_from_srgb(shown(x, y));
         [(linear / (1.0 - linear)) as f32; 3]
-    };
-    RgbImage { extent: EXTENT, pixels: (0..EXTENT.area()).map(pixel).collect() }
+    })
 }
 
 fn vectors(at: impl Fn(usize, usize) -> [f32; 3]) -> RgbImage {
-    let width = EXTENT.width as usize;
-    RgbImage { extent: EXTENT, pixels: (0..EXTENT.area()).map(|i| at(i % width, i / width)).collect() }
+    RgbImage::from_fn(EXTENT, |x, y| at(x as usize, y as usize))
 }
 
 fn moving(motion: RgbImage, position: RgbImage, normal: RgbImage) -> Result<MovingSurfaces, ImageError> {
@@ -195,8 +192,7 @@ fn change_near_gaze_counts_pixels_near_both_gazes() {
     // Converts degrees at the image's centre to pixels.
     let per_degree = 10.0 / 20f64.to_radians().tan() * 1f64.to_radians();
     let grey = |value: &dyn Fn(f64, f64) -> f64| {
-        let pixel = |i: usize| [value((i % 40) as f64 + 0.5, (i / 40) as f64 + 0.5) as f32; 3];
-        RgbImage { extent, pixels: (0..extent.area()).map(pixel).collect() }
+        RgbImage::from_fn(extent, |x, y| [value(f64::from(x) + 0.5, f64::from(y) + 0.5) as f32; 3])
     };
     let still = grey(&|_, _| 0.25);
     let pair = |image: &RgbImage| Pair::new(&still, image, 0.0).unwrap();

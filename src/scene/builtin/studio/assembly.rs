@@ -95,11 +95,9 @@ pub fn emitter(name: &str, radiance: [f32; 3]) -> Material {
 
 /// Returns a checkerboard of `squares` × `squares` squares in two greys, as 8-bit sRGB values.
 pub fn checker(size: u32, squares: u32, light: u8, dark: u8) -> TexelImage {
-    let texel = |i: u32| {
-        let (x, y) = (i % size, i / size);
+    Image::from_fn(Extent::new(size, size), |x, y| {
         let odd = (x * squares / size + y * squares / size) % 2 == 1;
         let grey = if odd { dark } else { light };
         [grey, grey, grey, 255]
-    };
-    Image { extent: Extent::new(size, size), pixels: (0..size * size).map(texel).collect() }
+    })
 }
