@@ -72,18 +72,22 @@ impl Instance {
         let inverse = linear.inverse();
         let translation = Vec3::from(place.translation).as_dvec3();
         Self {
-            world_from_local: rows(linear, translation),
-            local_from_world: rows(inverse, -(inverse * translation)),
+            world_from_local: matrix_rows(linear, translation),
+            local_from_world: matrix_rows(inverse, -(inverse * translation)),
             first_prim,
             row_offset: tree.first_row.wrapping_sub(first_prim),
             root: tree.root,
             is_moved: 1,
-            last_world_from_local: rows(Mat3::from(last.matrix3).as_dmat3(), Vec3::from(last.translation).as_dvec3()),
+            last_world_from_local: matrix_rows(
+                Mat3::from(last.matrix3).as_dmat3(),
+                Vec3::from(last.translation).as_dvec3(),
+            ),
         }
     }
 }
 
-fn rows(linear: DMat3, translation: DVec3) -> [Vec4; 3] {
+/// Returns the rows of a matrix, with the translation in w.
+pub(super) fn matrix_rows(linear: DMat3, translation: DVec3) -> [Vec4; 3] {
     [0, 1, 2].map(|i| linear.row(i).extend(translation[i]).as_vec4())
 }
 

@@ -4,7 +4,7 @@
 use glam::{DAffine3, DVec3, Mat4, UVec3, Vec2, Vec3, Vec4};
 use obvhs::aabb::Aabb;
 
-use super::instances::{box_in, farthest};
+use super::instances::{box_in, farthest, matrix_rows};
 use super::tree::Node;
 use super::triangle::Triangle;
 use crate::scene::Mesh;
@@ -225,7 +225,7 @@ impl Skins {
             for (which, (joints, weights)) in of(body.number).into_iter().enumerate() {
                 for (j, joint) in joints.iter().take(body.boxes.len()).enumerate() {
                     let at = (body.first_joint + j) * JOINT_ROWS + 3 * which;
-                    rows[at..at + 3].copy_from_slice(&matrix_rows(joint, origin));
+                    rows[at..at + 3].copy_from_slice(&matrix_rows(joint.matrix3, joint.translation - origin));
                 }
                 for (i, weight) in weights.iter().take(body.targets).enumerate() {
                     rows[self.joints * JOINT_ROWS + body.first_weight + i][which] = *weight;
@@ -326,10 +326,4 @@ fn boxes_of_joints(mesh: &Mesh, joints: usize) -> Vec<Aabb> {
 /// Returns the affine matrix whose first three rows are the first of `rows`.
 fn matrix(rows: &[Vec4]) -> Mat4 {
     Mat4::from_cols(rows[0], rows[1], rows[2], Vec4::W).transpose()
-}
-
-/// Returns the rows of a matrix, with the translation in w.
-fn matrix_rows(joint: &DAffine3, origin: DVec3) -> [Vec4; 3] {
-    let translation = joint.translation - origin;
-    [0, 1, 2].map(|i| joint.matrix3.row(i).extend(translation[i]).as_vec4())
 }

@@ -13,8 +13,7 @@ use super::Pair;
 /// few levels are visible, and is the same for all images, so that heatmaps can be compared. Values that are not finite
 /// count as 0.
 pub fn heatmap(pair: &Pair) -> DisplayImage {
-    let colour = |(r, a): (&[f64; 3], &[f64; 3])| error_colour(display_error(r, a));
-    let pixels = pair.reference.shown.iter().zip(&pair.image.shown).map(colour).collect();
+    let pixels = (0..pair.extent.area()).map(|i| error_colour(rms(pair.display_error(i)))).collect();
     Image { extent: pair.extent, pixels }
 }
 
@@ -23,9 +22,9 @@ pub fn error_colour(error: f64) -> [u8; 3] {
     cubehelix(error.clamp(0.0, 1.0).sqrt()).map(level)
 }
 
-fn display_error(r: &[f64; 3], a: &[f64; 3]) -> f64 {
-    let squares = r.iter().zip(a).map(|(&r, &a)| (a - r).powi(2));
-    (squares.sum::<f64>() / 3.0).sqrt()
+/// Returns the root mean square of a difference over channels.
+pub(super) fn rms(difference: [f64; 3]) -> f64 {
+    (difference.iter().map(|d| d * d).sum::<f64>() / 3.0).sqrt()
 }
 
 /// Returns the display colour at `position` 0 … 1 of the cubehelix scheme (Green 2011, Bull. Astron. Soc. India 39, eq.

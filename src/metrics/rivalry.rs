@@ -16,7 +16,7 @@
 use serde::Serialize;
 
 use super::flip;
-use super::heatmap::error_colour;
+use super::heatmap::{error_colour, rms};
 use super::surfaces::Sighting;
 use super::{Pair, Side};
 use crate::image::display::DisplayImage;
@@ -113,11 +113,11 @@ impl Differences {
     }
 
     pub fn rivalry(&self) -> Rivalry {
-        let mut sizes: Vec<f64> = self.values.iter().flatten().map(rms).collect();
+        let mut sizes: Vec<f64> = self.values.iter().flatten().copied().map(rms).collect();
         sizes.sort_by(f64::total_cmp);
         let matched = sizes.len();
         let over = |sum: f64, count: usize| (count > 0).then(|| sum / count as f64);
-        let squares = |values: &[Option<[f64; 3]>]| values.iter().flatten().map(|d| rms(d).powi(2)).sum();
+        let squares = |values: &[Option<[f64; 3]>]| values.iter().flatten().map(|d| rms(*d).powi(2)).sum();
         Rivalry {
             rivalry: over(squares(&self.values), matched).map(f64::sqrt),
             rivalry_seen: over(squares(&self.seen), matched).map(f64::sqrt),
@@ -143,22 +143,12 @@ impl Differences {
         (!changes.is_empty()).then(|| changes.iter().sum::<f64>() / changes.len() as f64)
     }
 
-    /// Returns the root mean square of D over channels for each pixel of the left eye; `None` for pixels that the right
-    /// eye does not match.
-    fn sizes(&self) -> impl Iterator<Item = Option<f64>> + '_ {
-        self.values.iter().map(|difference| difference.as_ref().map(rms))
-    }
-
     /// Returns a map of the root mean square of D over channels, on the scale of heatmaps. Pixels that the right eye does
     /// not match are grey.
     pub fn map(&self) -> DisplayImage {
-        let pixels = self.sizes().map(|size| size.map_or([96; 3], error_colour)).collect();
+        let pixels = self.values.iter().map(|d| d.map_or([96; 3], |d| error_colour(rms(d)))).collect();
         Image { extent: self.extent, pixels }
     }
-}
-
-fn rms(difference: &[f64; 3]) -> f64 {
-    (difference.iter().map(|d| d * d).sum::<f64>() / 3.0).sqrt()
 }
 
 #[cfg(test)]

@@ -6,8 +6,7 @@ use crate::image::display;
 
 /// Decodes an 8-bit sRGB code (IEC 61966-2-1).
 pub fn linear_from_srgb(code: u8) -> f32 {
-    let c = f64::from(code) / 255.0;
-    (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
+    display::linear_from_srgb(f64::from(code) / 255.0) as f32
 }
 
 /// Returns the Rec. 709 luminance.
