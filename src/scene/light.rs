@@ -22,25 +22,30 @@ pub struct Light {
 }
 
 impl Light {
+    /// Returns the radius of a point or spot light; `None` for a directional light.
+    pub fn radius(&self) -> Option<f32> {
+        match self.kind {
+            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => Some(radius),
+            LightKind::Directional { .. } => None,
+        }
+    }
+
     pub fn is_sun(&self) -> bool {
-        matches!(self.kind, LightKind::Directional { .. })
+        self.radius().is_none()
     }
 
     /// Returns true if only light sampling finds the light, because no ray can hit it: a point or spot light without a
     /// radius, or a sun, whose disc is not part of the sky.
     pub fn is_delta(&self) -> bool {
-        match self.kind {
-            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
-            LightKind::Directional { .. } => true,
-        }
+        self.radius().is_none_or(|radius| radius <= 0.0)
     }
 
     /// Returns true if shadows of the light have hardly any penumbra: of a point or spot light without a radius, or of
     /// a sun with an angular radius of at most 1 degree.
     pub fn has_hard_shadows(&self) -> bool {
         match self.kind {
-            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
             LightKind::Directional { angle_rad, .. } => angle_rad <= HARD_ANGLE_RAD,
+            _ => self.is_delta(),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Shader features that a scene needs. All others are compiled out.
 
-use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene, are_suns_hard};
+use super::{AlphaMode, Environment, Light, Material, Mesh, Scene, are_suns_hard};
 
 /// Features of the tracing stages, as flags. Enabling more than needed changes only the time, not the picture, except
 /// for `gloss`, `hard_lights`, `mirrors`, `polish` and `narrow_lobes`.
@@ -142,10 +142,6 @@ impl SceneNeeds {
         let is_animated = |material: usize| scene.motion.emitters.iter().any(|e| e.index == material);
         let shines = |m: &&Mesh| scene.materials[m.material].emissive != glam::Vec3::ZERO || is_animated(m.material);
         let emitters = || used().filter(shines).map(|m| &scene.materials[m.material]);
-        let radius = |kind: &LightKind| match kind {
-            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => Some(*radius),
-            LightKind::Directional { .. } => None,
-        };
         Self {
             textures: materials().any(|m| m.textures().next().is_some()),
             second_uvs: materials().any(|m| m.uses_uv_set(1)),
@@ -166,9 +162,9 @@ impl SceneNeeds {
             emissive: emitters().next().is_some(),
             alpha_emitters: emitters().any(|m| m.alpha_mode != AlphaMode::Opaque),
             coated_emitters: emitters().any(|m| m.clearcoat.factor > 0.0),
-            local_lights: scene.lights.iter().any(|l| radius(&l.kind).is_some()),
-            spheres: scene.lights.iter().any(|l| radius(&l.kind).is_some_and(|r| r > 0.0)),
-            directional: scene.lights.iter().any(|l| radius(&l.kind).is_none()),
+            local_lights: scene.lights.iter().any(|l| !l.is_sun()),
+            spheres: scene.lights.iter().any(|l| l.radius().is_some_and(|r| r > 0.0)),
+            directional: scene.lights.iter().any(Light::is_sun),
             constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
             environment_map: matches!(scene.environment, Environment::Map { .. }),
             hard_lights: has_hard_lights(scene) && !used().any(|mesh| is_veil(mesh, &scene.materials[mesh.material])),

@@ -249,11 +249,9 @@ impl Emitters {
     }
 }
 
+/// Returns the radius of a light; 0 for a directional light.
 fn radius(light: &scene::Light) -> f32 {
-    match light.kind {
-        LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius,
-        LightKind::Directional { .. } => 0.0,
-    }
+    light.radius().unwrap_or(0.0)
 }
 
 fn relative_to(origin: DVec3, light: &scene::Light) -> scene::Light {
