@@ -29,7 +29,7 @@ impl SceneTables {
     /// maximum displacement between the two times, scene units.
     pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> (SceneUpdate, Vec<Moved>) {
         let mut update = SceneUpdate::default();
-        let Some(moves @ Moves { motion, rest, changing }) = &self.moving else { return (update, Vec::new()) };
+        let Some(moves @ Moves { motion, rest }) = &self.moving else { return (update, Vec::new()) };
         let [now, last] = [now_s, last_s].map(|time_s| motion.pose(time_s));
         let pose = self.accel.pose_rows(motion, [&now, &last]);
         let poses = Poses { motion, now: &now, last: &last, rows: &pose };
@@ -47,7 +47,7 @@ impl SceneTables {
         let mut before = rest.clone();
         motion.place(&last, &mut before);
         frame.lights.change = self.sources.change(&before, &scene) as f32;
-        update.rows.extend(changing.iter().map(|&i| self.material_row(i, &scene.materials[i])));
+        update.rows.extend(motion.changing_materials().into_iter().map(|i| self.material_row(i, &scene.materials[i])));
         let glows = self.sources.triangles.last().is_some_and(|&last| last >= self.accel.skins.first_row);
         if moves.changes_lights() || (glows && !self.accel.skins.is_empty()) {
             let emitters = Emitters::placed(

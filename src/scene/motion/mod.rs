@@ -9,6 +9,8 @@ pub mod play;
 pub mod pose;
 pub mod bake;
 
+use std::collections::BTreeSet;
+
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 use serde::Serialize;
 
@@ -192,17 +194,20 @@ impl Motion {
         self.animations.iter().map(|a| a.duration_s).fold(0.0, f64::max)
     }
 
-    /// Returns a summary of the motion; `None` for a static scene.
-    pub fn moves(&self) -> Option<Moves> {
-        let count = |is_one: fn(&Body) -> bool| self.bodies.iter().filter(|b| is_one(b)).count();
-        let played = |a: &Animation| PlayedAnimation { name: a.name.clone(), duration_s: a.duration_s };
-        let distinct = |indices: Vec<usize>| std::collections::BTreeSet::from_iter(indices).len();
-        let lights = self.lights.iter().map(|l| l.index).chain(self.lamps.iter().map(|l| l.index)).collect();
+    /// Returns the indices of the materials with animated values.
+    pub fn changing_materials(&self) -> BTreeSet<usize> {
         let colored = self.animations.iter().flat_map(|a| &a.channels).filter_map(|channel| match channel.target {
             Target::BaseColor(material) => Some(material),
             _ => None,
         });
-        let materials = self.emitters.iter().map(|e| e.index).chain(colored).collect();
+        self.emitters.iter().map(|e| e.index).chain(colored).collect()
+    }
+
+    /// Returns a summary of the motion; `None` for a static scene.
+    pub fn moves(&self) -> Option<Moves> {
+        let count = |is_one: fn(&Body) -> bool| self.bodies.iter().filter(|b| is_one(b)).count();
+        let played = |a: &Animation| PlayedAnimation { name: a.name.clone(), duration_s: a.duration_s };
+        let lights = self.lights.iter().map(|l| l.index).chain(self.lamps.iter().map(|l| l.index));
         (!self.is_empty()).then(|| Moves {
             animations: self.animations.iter().map(played).collect(),
             nodes: self.nodes.len(),
@@ -210,9 +215,9 @@ impl Motion {
             rigid_instances: count(|b| !b.deforms()),
             skinned_instances: count(|b| b.skin.is_some()),
             morphing_instances: count(|b| !b.weights.is_empty()),
-            lights: distinct(lights),
+            lights: BTreeSet::from_iter(lights).len(),
             cameras: self.cameras.len(),
-            materials: distinct(materials),
+            materials: self.changing_materials().len(),
         })
     }
 }
