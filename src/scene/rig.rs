@@ -202,8 +202,8 @@ impl Rig {
         }
     }
 
-    /// Returns a rig that looks along −z and sees all of `bounds`, with one metre per scene unit. The baseline is at
-    /// most a thirtieth of the distance, so that a viewer can fuse scenes smaller than a metre.
+    /// Returns a rig that looks along −z and sees all of `bounds` from the point between the eyes, with one metre per
+    /// scene unit.
     pub fn framing(bounds: Bounds, yfov_rad: f64) -> Rig {
         const MARGIN: f64 = 1.1;
         let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
@@ -218,7 +218,7 @@ impl Rig {
         // Clamps to f32's range. Parts of a scene that fills the range are then out of view.
         let position = (centre + DVec3::Z * distance).min(DVec3::splat(f64::from(f32::MAX)));
         let key = RigKey { time_s: 0.0, position, target: position - DVec3::Z * distance, up: DVec3::Y };
-        Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), ..Rig::of_keys(vec![key]) }
+        Rig { yfov_rad, ..Rig::of_keys(vec![key]) }
     }
 
     /// Returns the rig in coordinates relative to `origin`, in scene units.
