@@ -131,7 +131,7 @@ impl TreeCache {
             let entry = entry?;
             let path = entry.path();
             let name = entry.file_name();
-            let Some(name) = name.to_str().map(Name::of).filter(|name| *name != Name::Other) else { continue };
+            let Some(name) = name.to_str().and_then(Name::of) else { continue };
             // Another process may have removed it.
             let Ok(metadata) = fs::symlink_metadata(&path) else { continue };
             if !metadata.is_file() {
@@ -158,17 +158,16 @@ impl TreeCache {
     }
 }
 
-/// Kinds of files in the folder, by their names.
+/// Kinds of this module's files, by their names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Name {
     Tree,
     /// The temporary file of a tree that a run has not finished writing.
     Part,
-    Other,
 }
 
 impl Name {
-    fn of(name: &str) -> Self {
+    fn of(name: &str) -> Option<Self> {
         let is_tree = |name: &str| {
             let is_hex = |digit: u8| digit.is_ascii_digit() || (b'a'..=b'f').contains(&digit);
             name.strip_suffix(".tree").is_some_and(|key| key.len() == 32 && key.bytes().all(is_hex))
@@ -178,9 +177,8 @@ impl Name {
             Some(is_tree(tree) && random.bytes().all(|byte| byte.is_ascii_alphanumeric()))
         };
         match is_tree(name) {
-            true => Self::Tree,
-            false if part() == Some(true) => Self::Part,
-            false => Self::Other,
+            true => Some(Self::Tree),
+            false => (part() == Some(true)).then_some(Self::Part),
         }
     }
 }

@@ -12,8 +12,6 @@ pub(super) struct Flat<'a> {
     meshes: Vec<Placed<'a>>,
     /// Index into `meshes` and index of the mesh's triangle.
     triangles: Vec<[u32; 2]>,
-    /// Number of triangles that are left out, because they have no area.
-    pub dropped: usize,
 }
 
 /// A mesh under a transform.
@@ -103,13 +101,9 @@ impl<'a> Flat<'a> {
         let number = self.meshes.len() as u32;
         let count = placed.mesh.triangles.len();
         self.triangles.reserve_exact(count);
-        for index in 0..count {
-            if keeps_all || placed.normal(index).is_some() {
-                self.triangles.push([number, index as u32]);
-            } else {
-                self.dropped += 1;
-            }
-        }
+        // Triangles without area are left out.
+        let is_kept = |index: &usize| keeps_all || placed.normal(*index).is_some();
+        self.triangles.extend((0..count).filter(is_kept).map(|index| [number, index as u32]));
         self.meshes.push(placed);
     }
 

@@ -18,7 +18,7 @@ pub struct Accel {
     /// Nodes of all trees. The first is the root over the flattened triangles.
     pub nodes: Vec<Node>,
     /// Triangles in order: flattened ones, those of deforming bodies, and those of shared meshes. Split triangles occur
-    /// several times.
+    /// several times, and degenerate ones, which no ray can hit, are not stored.
     pub triangles: Vec<Triangle>,
     pub shadings: Vec<Shading>,
     /// Linear RGBA colours, three per triangle; empty if no mesh has colours.
@@ -38,8 +38,6 @@ pub struct Accel {
     pub skins: Skins,
     /// Rows of each tree's triangles: the flattened ones (may be empty), then bodies and shared meshes.
     pub trees: Vec<Range<u32>>,
-    /// Number of degenerate triangles, which no ray can hit and which are not stored.
-    pub dropped: usize,
     /// World-space origin of all positions on devices. It is (0, 0, 0) unless the scene is so far from there that f32
     /// would round positions coarsely.
     pub origin: DVec3,

@@ -44,18 +44,11 @@ pub fn write_tagged_rgb(path: &Path, image: &RgbImage, tags: &Tags) -> Result<()
     write_tagged_channels(path, image.extent, &[("R", &r), ("G", &g), ("B", &b)], tags)
 }
 
-/// Writes named f32 channels, each with `extent.area()` values in row-major order from the top left.
+/// Writes named f32 channels, each with `extent.area()` values in row-major order from the top left, and metadata as
+/// attributes.
 ///
 /// # Errors
 /// [`ImageError::Write`], also for a wrong number of values and for empty or duplicate names.
-pub fn write_channels(path: &Path, extent: Extent, channels: &[(&str, &[f32])]) -> Result<(), ImageError> {
-    write_tagged_channels(path, extent, channels, &Tags::default())
-}
-
-/// Writes like [`write_channels`], with metadata as attributes.
-///
-/// # Errors
-/// Errors of [`write_channels`].
 pub fn write_tagged_channels(
     path: &Path,
     extent: Extent,

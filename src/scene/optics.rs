@@ -212,7 +212,7 @@ impl Optics {
     ///
     /// # Errors
     /// A message, if the frame would have too many pixels.
-    pub fn grid(&self, size: Extent, density: f64) -> Result<Extent, String> {
+    fn grid(&self, size: Extent, density: f64) -> Result<Extent, String> {
         let least_step = self.lenses.iter().map(|lens| lens.least_step(size)).fold(f64::INFINITY, f64::min);
         let pixels = self.tan_half.map(|tan| (2.0 * tan * density / least_step).ceil() + 2.0 * MARGIN_PX);
         let times = pixels[0] * pixels[1] / size.area() as f64;

@@ -15,7 +15,7 @@ use glam::Vec3;
 use serde_json::{Map, Value};
 
 use super::motion::play::{Choice, Move, Play};
-use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
+use super::rig::{Rig, RigKey};
 use super::{Light, LightKind, SceneError};
 use crate::image::tone::ToneCurve;
 
@@ -40,12 +40,13 @@ pub enum Sky {
 }
 
 impl Sky {
-    /// Names of built-in environments, in shot files and on the command line.
-    pub const BUILT_IN: [(&str, Self); 2] = [("studio", Self::Studio), ("sky", Self::Clear)];
-
-    /// Returns the built-in environment of this name.
+    /// Returns the built-in environment of this name, in shot files and on the command line.
     pub fn built_in(name: &str) -> Option<Self> {
-        Self::BUILT_IN.into_iter().find(|(built_in, _)| *built_in == name).map(|(_, sky)| sky)
+        match name {
+            "studio" => Some(Self::Studio),
+            "sky" => Some(Self::Clear),
+            _ => None,
+        }
     }
 }
 
@@ -121,13 +122,6 @@ pub struct PartialRig {
     pub metres_per_unit: Option<f64>,
     /// Keys as in a [`Rig`]; may be empty.
     pub keys: Vec<RigKey>,
-}
-
-impl PartialRig {
-    /// Returns true if an f32 can hold the baseline in scene units.
-    pub fn has_usable_units(&self) -> bool {
-        allowed::fits_f32(self.baseline_m.unwrap_or(DEFAULT_BASELINE_M) / self.metres_per_unit.unwrap_or(1.0))
-    }
 }
 
 /// Contents of a shot file. A value of `None` comes from the scene or from a default.

@@ -175,10 +175,10 @@ pub fn bounds_of_object(scene: &Scene) -> Bounds {
     bounds
 }
 
-/// Adds the ground below an object that the rig's first view shows from outside and from above the ground. `still` is
-/// the scene at the time of this view. Returns true if the scene got a ground.
-pub fn add_ground(scene: &mut Scene, still: &Bounds, rig: &Rig, studio: &RgbImage) -> bool {
-    let Bounds { min, max } = *still;
+/// Adds the ground below an object that the rig's first view shows from outside and from above the ground. `bounds`
+/// are those of the object at the time of this view.
+pub fn add_ground(scene: &mut Scene, bounds: &Bounds, rig: &Rig, studio: &RgbImage) {
+    let Bounds { min, max } = *bounds;
     let radius = (max - min).length() / 2.0;
     let eye = rig.keys[0].position;
     let is_within = eye.cmpge(min.as_dvec3()).all() && eye.cmple(max.as_dvec3()).all();
@@ -187,7 +187,7 @@ pub fn add_ground(scene: &mut Scene, still: &Bounds, rig: &Rig, studio: &RgbImag
     let half = GROUND_RADII * radius;
     let centre = (min + max) / 2.0;
     if !(radius > 0.0 && (centre.abs() + half).is_finite()) || is_within || !is_above {
-        return false;
+        return;
     }
     let albedo = ground_albedo(studio);
     let radiance = studio.pixels.last().map_or(HORIZON, |pixel| pixel[1]);
@@ -210,7 +210,6 @@ pub fn add_ground(scene: &mut Scene, still: &Bounds, rig: &Rig, studio: &RgbImag
         scene.meshes.push(Mesh { positions: positions.clone(), normals, triangles, material, ..Mesh::default() });
         scene.instances.push(Instance { mesh, world_from_local: Affine3A::IDENTITY });
     }
-    true
 }
 
 #[cfg(test)]
@@ -295,8 +294,7 @@ mod tests {
         assert_eq!((bounds.min.y, bounds.max.y), (5.0, 6.0), "vertices without a triangle do not count");
         let grounded = |eye: DVec3| {
             let mut scene = scene.clone();
-            let added = add_ground(&mut scene, &bounds, &looking(eye, eye + DVec3::NEG_Z), &studio());
-            assert_eq!(added, scene.instances.len() > 1);
+            add_ground(&mut scene, &bounds, &looking(eye, eye + DVec3::NEG_Z), &studio());
             assert_eq!(bounds_of_object(&scene), bounds);
             scene
         };

@@ -135,7 +135,7 @@ fn damaged_head_motion_is_finite_or_rejected() {
             assert!(gaze.iter().flat_map(|eye| eye.at(0.2)).all(|v| (0.0..=1.0).contains(&v)));
         }
         let (Some(optics), size) = (rig.optics, Extent::new(64, 48)) else { return };
-        let Ok(grid) = optics.grid(size, 1.25) else { return };
+        let Ok(grid) = optics.rectified(size) else { return };
         assert!(grid.area() > 0 && grid.area() <= 16 * size.area(), "{grid}");
         for (eye, at) in
             Eye::BOTH.into_iter().flat_map(|eye| [[0.0, 0.0], [64.0, 48.0], [20.0, 30.0]].map(|at| (eye, at)))

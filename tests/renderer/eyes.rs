@@ -60,7 +60,7 @@ pub fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RunConfig) {
     subject.rig = motion(true).rig(&subject.rig).unwrap();
     let size = size(per_tan);
     let mut settings = subject.settings(size.width, size.height);
-    let projection = subject.rig.optics.unwrap().grid(size, 1.25).unwrap();
+    let projection = subject.rig.optics.unwrap().rectified(size).unwrap();
     settings.buffers.display = Display::Resampled { projection, is_late: false };
     settings.envelope.most.spp = spp.into();
     (subject, settings)

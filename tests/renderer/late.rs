@@ -27,7 +27,7 @@ fn subject(spp: u32) -> (Subject, RunConfig) {
     let optics = Optics::with_border(&subject.rig, SIZE, 6.0);
     subject.rig.optics = Some(optics);
     let mut settings = subject.settings(SIZE.width, SIZE.height);
-    let projection = optics.grid(SIZE, 1.25).unwrap();
+    let projection = optics.rectified(SIZE).unwrap();
     settings.buffers.display = Display::Resampled { projection, is_late: true };
     settings.envelope.most.spp = spp.into();
     (subject, settings)

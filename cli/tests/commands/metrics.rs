@@ -2,7 +2,7 @@
 
 use crate::common::{Folder, Said};
 use diptych::image::display::{tonemap, write_png};
-use diptych::image::exr::{read_rgb, write_channels, write_rgb};
+use diptych::image::exr::{Tags, read_rgb, write_rgb, write_tagged_channels};
 use diptych::image::tone::ToneCurve;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::heatmap::heatmap;
@@ -287,7 +287,7 @@ fn compare_names_the_channels_it_selects() {
     let files = files();
     let grey = vec![0.5; 48 * 40];
     let channels = ["left.B", "left.G", "left.R", "Z"].map(|name| (name, &grey[..]));
-    write_channels(&files.path("layer.exr"), Extent::new(48, 40), &channels).unwrap();
+    write_tagged_channels(&files.path("layer.exr"), Extent::new(48, 40), &channels, &Tags::default()).unwrap();
     let text = files.run("compare ./reference.exr ./layer.exr").out;
     assert!(text.contains("image: channels left.R, left.G, left.B") && !text.contains("reference:"), "{text}");
 }

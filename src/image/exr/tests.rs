@@ -106,14 +106,16 @@ fn single_channel_reads_as_grey() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("depth.exr");
     let depth: Vec<f32> = noise(6, 1).collect();
-    write_channels(&path, Extent::new(3, 2), &[("Z", &depth)]).unwrap();
+    write_tagged_channels(&path, Extent::new(3, 2), &[("Z", &depth)], &Tags::default()).unwrap();
     assert_eq!(read_rgb(&path).unwrap().pixels, depth.iter().map(|&z| [z; 3]).collect::<Vec<_>>());
 }
 
 #[test]
 fn rejects_channels_that_do_not_fit() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |extent, channels: &[(&str, &[f32])]| write_channels(&folder.path().join("a.exr"), extent, channels);
+    let write = |extent, channels: &[(&str, &[f32])]| {
+        write_tagged_channels(&folder.path().join("a.exr"), extent, channels, &Tags::default())
+    };
     let two = Extent::new(2, 1);
     assert!(write(two, &[("Z", &[1.0])]).is_err());
     assert!(write(two, &[("", &[1.0, 2.0])]).is_err());
@@ -261,7 +263,7 @@ fn representable_values_survive_lossy_compression() {
 fn rejects_files_without_colour_by_channels() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("uv.exr");
-    write_channels(&path, Extent::new(1, 1), &[("U", &[1.0]), ("V", &[2.0])]).unwrap();
+    write_tagged_channels(&path, Extent::new(1, 1), &[("U", &[1.0]), ("V", &[2.0])], &Tags::default()).unwrap();
     let message = read_rgb(&path).unwrap_err().to_string();
     assert!(message.contains("uv.exr") && message.contains("U, V"), "{message}");
 }
@@ -270,7 +272,13 @@ fn rejects_files_without_colour_by_channels() {
 fn channels_are_read_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("motion.exr");
-    write_channels(&path, Extent::new(2, 1), &[("X", &[1.0, 2.0]), ("Y", &[3.0, f32::INFINITY])]).unwrap();
+    write_tagged_channels(
+        &path,
+        Extent::new(2, 1),
+        &[("X", &[1.0, 2.0]), ("Y", &[3.0, f32::INFINITY])],
+        &Tags::default(),
+    )
+    .unwrap();
     let found = read_channels(&path, ["X", "Y", "Y"]).unwrap().image;
     assert_eq!(found.pixels, [[1.0, 3.0, 3.0], [2.0, f32::INFINITY, f32::INFINITY]]);
     let message = read_channels(&path, ["X", "Y", "Z"]).unwrap_err().to_string();

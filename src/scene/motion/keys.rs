@@ -76,11 +76,6 @@ impl Keys {
         Ok(Self { times_s, values, width, interpolation })
     }
 
-    /// Returns the number of components in a value.
-    pub fn width(&self) -> usize {
-        self.width
-    }
-
     /// Returns the time of the last key.
     pub fn end_s(&self) -> f64 {
         self.times_s.last().map_or(0.0, |t| f64::from(*t))

@@ -119,7 +119,8 @@ impl Check<'_> {
             metres_per_unit: self.optional("rig.metres_per_unit", t.metres_per_unit.as_ref(), &POSITIVE)?,
             keys: self.keys(&t.key)?,
         };
-        if !rig.has_usable_units() {
+        let baseline_m = rig.baseline_m.unwrap_or(rig::DEFAULT_BASELINE_M);
+        if !fits_f32(baseline_m / rig.metres_per_unit.unwrap_or(1.0)) {
             let what = "rig.baseline_m / rig.metres_per_unit is too large a number: give other units";
             return Err(self.at(table.span(), what.into()));
         }

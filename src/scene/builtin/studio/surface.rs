@@ -71,14 +71,10 @@ impl Surface {
         }
     }
 
-    pub fn append(&mut self, other: &Surface) {
-        let base = self.vertices.len() as u32;
-        self.vertices.extend_from_slice(&other.vertices);
-        self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + base)));
-    }
-
     pub fn with(mut self, other: Surface) -> Self {
-        self.append(&other);
+        let base = self.vertices.len() as u32;
+        self.vertices.extend(other.vertices);
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + base)));
         self
     }
 
