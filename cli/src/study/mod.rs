@@ -23,7 +23,6 @@ mod rows;
 mod runner;
 mod seams;
 mod subject;
-mod timed;
 mod times;
 mod turns;
 

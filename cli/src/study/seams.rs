@@ -1,5 +1,7 @@
 //! `diptych study seams`: image errors at the seams between stripes, by seam policy and number of devices.
 
+use std::time::Instant;
+
 use anyhow::anyhow;
 
 use crate::report::frames::FrameLine;
@@ -9,6 +11,7 @@ use crate::report::statistics::quartiles;
 use crate::report::study::{LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, seam_csv, seam_table};
 use crate::report::{Csv, Table};
 use diptych::device::DeviceInfo;
+use diptych::exec::{FrameReport, PerView};
 use diptych::image::{ImageError, RgbImage};
 use diptych::loaded::LoadedScene;
 use diptych::metrics::Pair;
@@ -18,7 +21,7 @@ use diptych::schedule::Balance;
 
 use super::args::StudyArgs;
 use super::locked;
-use super::timed::{Setting, Timed, TimedFrame, Warm};
+use super::turns::Turns;
 use crate::bench::reference::{Reference, own};
 use crate::failure::Failure;
 use crate::interrupt;
@@ -36,15 +39,13 @@ pub fn run(args: &StudyArgs) -> Result<(), Failure> {
     interrupt::watch()?;
     let tracing = Tracing::start(&options)?;
     let loaded = setup::load(&options)?;
-    for warning in &loaded.scene.warnings {
-        log!("warning: {warning}");
-    }
+    setup::tell_remarks(&loaded.scene);
     let reference = own(&args.reference(&args.options, options.quality().bounces), &loaded, &tracing, None)?;
     let frames = u64::from(args.warm_up + args.repeats);
     let settings = 1 + counts(args).len() * SEAMS.len();
     let progress = Progress::new(settings as u64 * frames, options.quiet, options.json);
-    let timed = Timed { args, loaded: &loaded, progress: &progress, tracing: &tracing };
-    let found = Study { options, reference, loaded: &loaded }.measure(&timed)?;
+    let turns = |number| Turns::new(&loaded, &progress, &tracing, number);
+    let found = Study { options, reference, loaded: &loaded }.measure(args, turns)?;
     let _writing = interrupt::writing();
     progress.finish();
     tracing.finish()?;
@@ -78,6 +79,49 @@ fn counts(args: &StudyArgs) -> Vec<u16> {
 /// All filtering across stripes, in the order of the tables.
 const SEAMS: [SeamMode; 3] = [SeamMode::None, SeamMode::Filter, SeamMode::Halo];
 
+/// The frames of a setting after its warm-up, and the devices that rendered them.
+struct Warm {
+    frames: Vec<TimedFrame>,
+    devices: Vec<DeviceInfo>,
+    /// Time that building the renderer took, seconds.
+    warm_up_s: f64,
+}
+
+/// A frame after the warm-up.
+struct TimedFrame {
+    report: FrameReport,
+    /// The frame's entry in run.json.
+    row: FrameRow,
+    linear: PerView<RgbImage>,
+}
+
+impl Warm {
+    /// Renders the frames of a setting on virtual devices, or on a single device in total.
+    fn render(
+        args: &StudyArgs,
+        mut turns: Turns<'_>,
+        name: String,
+        options: RenderOptions,
+        virtual_devices: Option<u16>,
+    ) -> Result<Self, Failure> {
+        let mut gpus = setup::open_devices(&options, virtual_devices.map_or(1, usize::from))?;
+        if virtual_devices.is_none() {
+            gpus.truncate(1);
+        }
+        let (begin, time_s) = (Instant::now(), options.settings.time);
+        turns.add(name, options, gpus)?;
+        let (warm_up_s, mut frames) = (begin.elapsed().as_secs_f64(), Vec::new());
+        for i in 0..args.warm_up + args.repeats {
+            let report = turns.render(time_s, i)?.remove(0);
+            if i >= args.warm_up {
+                let row = turns.keep(0, time_s, &report, i - args.warm_up);
+                frames.push(TimedFrame { report, row, linear: turns.renderers[0].read_linear()? });
+            }
+        }
+        Ok(Self { frames, devices: turns.renderers[0].devices().to_vec(), warm_up_s })
+    }
+}
+
 struct Study<'a> {
     options: RenderOptions,
     reference: Reference,
@@ -97,9 +141,9 @@ struct Results<'a> {
 }
 
 impl<'a> Study<'a> {
-    fn measure(self, timed: &Timed<'_>) -> Result<Results<'a>, Failure> {
-        let one = Setting { number: 0, name: "1 device".into(), options: self.options.clone(), virtual_devices: None };
-        let one = timed.frames(&one)?;
+    /// Measures all settings. `turns` starts one, of which this number came before.
+    fn measure<'t>(self, args: &StudyArgs, turns: impl Fn(usize) -> Turns<'t>) -> Result<Results<'a>, Failure> {
+        let one = Warm::render(args, turns(0), "1 device".into(), self.options.clone(), None)?;
         let mut rows = self.rows("-", &one, &one.frames)?.to_vec();
         let mut frames = Vec::new();
         let mut keep = |policy: &str, warm: &Warm| {
@@ -107,15 +151,15 @@ impl<'a> Study<'a> {
         };
         keep(ONE_DEVICE, &one);
         let (mut devices, mut warm_up_s, mut number) = (vec![one.devices.clone()], one.warm_up_s, 1);
-        'all: for count in counts(timed.args) {
+        'all: for count in counts(args) {
             for seam in SEAMS {
                 let policy = seam.text();
                 let mut options = self.options.clone();
                 options.run.settings.seam = seam;
                 let name = format!("{count} devices, {policy}");
-                let setting = Setting { number, name, options, virtual_devices: Some(count) };
+                let warm = Warm::render(args, turns(number), name, options, Some(count));
                 // A signal ends the measurement, and the results so far are written.
-                let Some(warm) = interrupt::as_none(timed.frames(&setting))? else { break 'all };
+                let Some(warm) = interrupt::as_none(warm)? else { break 'all };
                 rows.extend(self.rows(&policy, &warm, &one.frames)?);
                 keep(&policy, &warm);
                 warm_up_s += warm.warm_up_s;

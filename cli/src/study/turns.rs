@@ -97,12 +97,9 @@ impl<'a> Turns<'a> {
     }
 
     fn frame_at(&mut self, which: usize, time_s: f64, index: u32) -> Result<FrameReport, Failure> {
-        let params = self.renderers[which].frame(&self.loaded.shot.rig, time_s, index);
-        self.frame(which, &FrameParams { gaze: self.gaze.unwrap_or(params.gaze), ..params })
-    }
-
-    fn frame(&mut self, which: usize, params: &FrameParams) -> Result<FrameReport, Failure> {
-        let frame = self.renderers[which].render(params)?;
+        let renderer = &mut self.renderers[which];
+        let params = renderer.frame(&self.loaded.shot.rig, time_s, index);
+        let frame = renderer.render(&FrameParams { gaze: self.gaze.unwrap_or(params.gaze), ..params })?;
         self.tell(which, frame.makespan_ms)?;
         Ok(frame)
     }
