@@ -1,6 +1,7 @@
 //! Measures device counts in turns: each renders a timed frame before any renders the next one, so that other load on
 //! the machine affects all of them alike. The counts share devices, which compile their pipelines once.
 
+use crate::bench::axes::order;
 use crate::core_time::CoreTime;
 use crate::failure::Failure;
 use crate::faults::refuse_faults;
@@ -77,8 +78,7 @@ impl Measuring<'_> {
     pub fn measure(&self, subjects: &mut [Subject]) -> Result<Vec<Option<CoreTime>>, Failure> {
         let (count, mut times) = (subjects.len(), vec![console::core_time()]);
         for number in 0..self.options.frames as usize {
-            let order = (0..count).map(|i| (number + i) % count);
-            let turn = order.map(|which| {
+            let turn = order(count, number).map(|which| {
                 let frames = self.render(&mut subjects[which], of_turn(self.options))?;
                 Ok((which, frames.into_iter().nth(1)))
             });

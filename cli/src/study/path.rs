@@ -11,6 +11,7 @@ use super::results::Results;
 use super::rows::Labels;
 use super::times::FrameTimes;
 use super::turns::{FPS, Turns};
+use crate::bench::axes::order;
 use crate::failure::Failure;
 use crate::options::RenderOptions;
 use crate::output::same_bits;
@@ -63,7 +64,7 @@ pub fn measure(
     let mut totals_s: Vec<Vec<f64>> = found.iter().map(|_| Vec::new()).collect();
     let count = turns.renderers.len();
     for round in 0..ROUNDS {
-        for which in (0..count).map(|i| (round as usize + i) % count) {
+        for which in order(count, round as usize) {
             let (sequence, total_s) = turns.sequence(which, from_s, round, [args.warm_up, frames])?;
             totals_s[which].push(total_s);
             for (number, report) in (round * frames..).zip(&sequence) {
