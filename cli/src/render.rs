@@ -111,6 +111,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut plan = args.reference.then(|| Plan::asked_for(flags)).transpose()?;
     let options = plan.as_ref().map_or_else(|| flags.options(), |plan| Ok(plan.options.clone()));
     let mut options = options.map_err(Failure::Input)?;
+    if args.has(Also::Preview)
+        && plan.is_none()
+        && options.settings.noise.is_none()
+        && args.warm_up_frames(&options) == 0
+    {
+        let what = "--also preview has no effect without warm-up frames and without --reference";
+        return Err(Failure::Input(anyhow::anyhow!(what)));
+    }
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let mut others = Others::begin();
@@ -158,9 +166,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
     let warm_up_frames = args.warm_up_frames(options);
-    if preview.is_some() && warm_up_frames == 0 {
-        progress.warn("--also preview shows nothing without warm-up frames and without --reference");
-    }
     let history = History::render(&mut renderer, options, &loaded, warm_up_frames, &progress, preview.as_ref())?;
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     tell(&progress, others.begin_frames());

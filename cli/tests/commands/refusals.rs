@@ -35,6 +35,7 @@ fn rejects_invalid_options_of_render() {
     --fps={0 -1 nan inf 1e-308} => fps
     --time {nan inf noon} => time
     --set clamp={-1 nan} => clamp
+    --warm-up 0 --also preview => --also preview has no effect | --reference
     --reference --set clamp=3 => clamp | --reference
 
     --quality best => --quality
