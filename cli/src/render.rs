@@ -226,7 +226,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     report.write(&options.out.join("run.json"))?;
     pictures.remove_earlier(options.quiet)?;
     tracing.finish()?;
-    conclude(options, &report);
+    conclude(options, loaded.shot.rig.views, &report);
     interrupt::check()
 }
 

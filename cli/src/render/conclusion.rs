@@ -4,7 +4,7 @@ use crate::options::RenderOptions;
 use crate::report::run::RunReport;
 
 /// Prints the results and the output folder.
-pub fn conclude(options: &RenderOptions, report: &RunReport) {
+pub fn conclude(options: &RenderOptions, views: usize, report: &RunReport) {
     let median = report.median_makespan_ms();
     if options.json {
         let mut result = serde_json::json!({
@@ -57,7 +57,8 @@ pub fn conclude(options: &RenderOptions, report: &RunReport) {
             say!("rows between ranks: {:.1} kB a frame", mean * 1e-3);
         }
         if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
-            say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
+            let whose = if views == 2 { "right eye" } else { "reprojected views" };
+            say!("{whose}{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
         }
         report.rectified.iter().for_each(|rectified| say!("{rectified}"));
         say!("pictures, run.json and frames.csv: {}", options.out.display());
