@@ -138,7 +138,7 @@ fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<
     let (shot, settings) = (&options.shot, serde_json::Value::from(settings));
     let plan = Wanted::of_grid(args)?.plan()?;
     let seen = plan.fingerprint(loaded, 0).key();
-    let shaders = all_shader_text(SceneAccess { traversal: plan.traversal(), ..Default::default() });
+    let shaders = all_shader_text(SceneAccess { traversal: plan.traversal, ..Default::default() });
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);
     let all = format!(

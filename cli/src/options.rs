@@ -175,6 +175,11 @@ impl RenderOptions {
         Self { run, envelope: envelope.into(), gaze, frames: 1, fps: 1.0, aovs: Vec::new(), is_late: false }
     }
 
+    /// Returns the time of a frame on the camera path, seconds.
+    pub fn time_s(&self, frame: u32) -> f64 {
+        self.settings.time + f64::from(frame) / self.fps
+    }
+
     /// Returns the highest quality of frames, which is that of all frames unless they vary.
     pub fn quality(&self) -> Quality {
         self.envelope.most

@@ -212,10 +212,10 @@ impl<'a> Run<'a> {
             let decided = self.session.decide();
             let cut = Disturbance::SceneCut { frame: index };
             if self.options.settings.disturb.contains(&cut) {
-                self.path.cut(self.time_s(index));
+                self.path.cut(self.options.time_s(index));
             }
             let late_ms = pace.wait();
-            let (rig, time_s) = (self.rig(index), self.time_s(index));
+            let (rig, time_s) = (self.rig(index), self.options.time_s(index));
             let rendered = self.session.render(decided, late_ms, &rig, time_s, index);
             let Some((mut row, frame)) = interrupt::as_none(rendered)? else { break };
             let deadline = pace.complete(self.session.tracing.recorder.origin());
@@ -254,14 +254,9 @@ impl<'a> Run<'a> {
         Ok(stopped)
     }
 
-    /// Returns the instant of a frame, seconds.
-    fn time_s(&self, index: u32) -> f64 {
-        self.options.settings.time + f64::from(index) / self.options.fps
-    }
-
     /// Returns the camera of a frame.
     fn rig(&self, index: u32) -> Rig {
-        self.path.rig(self.time_s(index))
+        self.path.rig(self.options.time_s(index))
     }
 
     /// Reads the newest frame back; `None` before the first one.

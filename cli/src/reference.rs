@@ -51,14 +51,14 @@ pub struct Plan {
     /// Options of a pass: its sample count, and no denoiser, reprojection or clamp.
     pub options: RenderOptions,
     /// Requested samples per pixel.
-    spp: u32,
+    pub spp: u32,
     time_limit: Option<Duration>,
     /// Folder of the checkpoints, if they are kept.
     folder: Option<PathBuf>,
     /// File of the picture so far, if it is wanted.
     pub preview: Option<Preview>,
     /// Ray traversal that the selected devices use.
-    traversal: Traversal,
+    pub traversal: Traversal,
 }
 
 impl Plan {
@@ -124,18 +124,6 @@ impl Plan {
         Ok(Self { options, spp, time_limit, folder: None, preview: None, traversal })
     }
 
-    pub fn spp(&self) -> u32 {
-        self.spp
-    }
-
-    pub fn set_spp(&mut self, spp: u32) {
-        self.spp = spp;
-    }
-
-    pub fn traversal(&self) -> Traversal {
-        self.traversal
-    }
-
     /// Keeps checkpoints in a subfolder of `folder`, named by the fingerprint; returns the subfolder.
     pub fn keep_below(&mut self, folder: &Path, loaded: &LoadedScene) -> PathBuf {
         let folder = folder.join(self.fingerprint(loaded, 0).key());
@@ -143,17 +131,13 @@ impl Plan {
         folder
     }
 
-    pub fn time_s(&self, frame: u32) -> f64 {
-        self.options.settings.time + f64::from(frame) / self.options.fps
-    }
-
     /// Returns the fingerprint of the inputs that a frame's samples depend on.
     pub fn fingerprint(&self, loaded: &LoadedScene, frame: u32) -> Fingerprint {
         let options = &self.options;
         Fingerprint::of(&Subject {
-            scene: &loaded.at(self.time_s(frame)),
+            scene: &loaded.at(self.options.time_s(frame)),
             rig: &loaded.shot.rig,
-            time_s: self.time_s(frame),
+            time_s: self.options.time_s(frame),
             extent: options.settings.size,
             seed: options.settings.seed,
             frame,
@@ -205,7 +189,7 @@ impl Plan {
         let mut progress = PassProgress { bar: &bar, spp: self.spp, said: None };
         let job = Job {
             rig: &loaded.shot.rig,
-            time_s: self.time_s(frame),
+            time_s: self.options.time_s(frame),
             frame,
             pass_spp: self.options.quality().spp.least,
             spp: self.spp,
@@ -270,9 +254,7 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
         pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b - aov_ms);
         pass.plan_ms += before.plan_ms;
         for (tally, b) in pass.tallies.iter_mut().zip(&before.tallies) {
-            tally.rays += b.rays;
-            tally.nonfinite += b.nonfinite;
-            tally.clipped += b.clipped;
+            *tally = *tally + *b;
         }
     }
     *total = Some(pass);

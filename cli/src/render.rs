@@ -3,7 +3,6 @@
 mod checks;
 mod conclusion;
 mod history;
-mod instants;
 mod noise;
 mod references;
 mod watched;
@@ -36,7 +35,6 @@ use super::tev::{self, Viewer};
 use super::{interrupt, metering, settings};
 use conclusion::conclude;
 use history::History;
-use instants::time_s;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -135,7 +133,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     if let Some(warning) =
-        setup::beyond_path(&loaded.shot.rig, options.settings.time, time_s(&options, options.frames - 1))
+        setup::beyond_path(&loaded.shot.rig, options.settings.time, options.time_s(options.frames - 1))
     {
         progress.warn(&warning);
     }
@@ -147,11 +145,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
     let mut gpus = metering::meter(&options, &mut loaded, gpus, &progress)?;
     if let Some(wanted) = options.settings.noise {
-        let most = plan.as_ref().map_or(options.quality().spp.least, Plan::spp);
+        let most = plan.as_ref().map_or(options.quality().spp.least, |plan| plan.spp);
         let spp;
         (gpus, spp) = noise::samples_for(wanted, most, &options, &loaded, gpus, &progress)?;
         match &mut plan {
-            Some(plan) => plan.set_spp(spp),
+            Some(plan) => plan.spp = spp,
             None => options.envelope = Quality { spp: spp.into(), ..options.quality() }.into(),
         }
         progress = args.progress(&options);
@@ -213,7 +211,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         settings.options.insert("exposure".to_owned(), "auto".into());
     }
     if let Some(plan) = &plan {
-        settings.options.insert("spp".to_owned(), plan.spp().into());
+        settings.options.insert("spp".to_owned(), plan.spp.into());
     }
     let mut report =
         RunReport::new(settings, devices, &loaded.scene, loaded.needs, options.settings.skip_unused, rows.frames);
@@ -276,7 +274,7 @@ impl Run<'_> {
     /// Records a frame and writes its images.
     fn keep(&mut self, frame: &FrameReport, mut images: FrameImages) -> Result<(), Failure> {
         let (options, shot) = (self.options, &self.loaded.shot);
-        let time_s = time_s(options, frame.index);
+        let time_s = options.time_s(frame.index);
         self.tracing.record(&options.quality(), None, frame);
         if self.args.has(Also::Overlay) {
             let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
@@ -341,7 +339,7 @@ impl Run<'_> {
             return Ok(());
         }
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
-            let at_s = time_s(options, self.begun);
+            let at_s = options.time_s(self.begun);
             let params = self.renderer.frame(&self.loaded.shot.rig, at_s, self.begun);
             self.renderer.begin(&params, &reads)?;
             self.begun += 1;

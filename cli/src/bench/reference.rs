@@ -118,20 +118,21 @@ pub fn own(
     plan.prepare(loaded, "--reference-cache")?;
     let begun = plan.begun(loaded, 0)?;
     let key = |samples: u32| format!("{samples} spp");
-    let (accumulation, how) =
-        if begun.samples() >= plan.spp() || journal.is_some_and(|j| j.knows(&key(begun.samples()))) {
-            let how = format!("{} samples per pixel, kept from an earlier run", begun.samples());
-            (begun, how)
-        } else {
-            let gpus = setup::open_devices(options, usize::from(wanted.virtual_devices))?;
-            let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
-            let done = plan.accumulate(&mut renderer, loaded, 0, begun, tracing)?;
-            // Its samples so far are kept for the next run.
-            interrupt::check()?;
-            (done.accumulation, done.row.to_string())
-        };
+    let (accumulation, how) = if begun.samples() >= plan.spp || journal.is_some_and(|j| j.knows(&key(begun.samples())))
+    {
+        let how = format!("{} samples per pixel, kept from an earlier run", begun.samples());
+        (begun, how)
+    } else {
+        let gpus = setup::open_devices(options, usize::from(wanted.virtual_devices))?;
+        let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
+        let done = plan.accumulate(&mut renderer, loaded, 0, begun, tracing)?;
+        // Its samples so far are kept for the next run.
+        interrupt::check()?;
+        (done.accumulation, done.row.to_string())
+    };
     let images = accumulation.mean();
-    let tags = output::tags(&loaded.shot.rig, loaded.shot.exposure_ev, options.settings.size, plan.time_s(0), 0);
+    let tags =
+        output::tags(&loaded.shot.rig, loaded.shot.exposure_ev, options.settings.size, plan.options.time_s(0), 0);
     exr::write_tagged_rgb(&folder.join("left.exr"), images.left(), tags.left())?;
     exr::write_tagged_rgb(&folder.join("right.exr"), images.right(), tags.right())?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));

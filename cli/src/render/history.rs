@@ -1,6 +1,5 @@
 //! Warm-up frames, which give the denoiser a history.
 
-use super::instants::{takes_long, time_s};
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::options::RenderOptions;
@@ -34,7 +33,7 @@ impl History {
     ) -> Result<Self, Failure> {
         let mut history = Self::default();
         for before in (1..=count).rev().take_while(|_| !interrupt::is_set()) {
-            let params = renderer.frame(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before));
+            let params = renderer.frame(&loaded.shot.rig, options.time_s(0), 0u32.wrapping_sub(before));
             let rendered = match takes_long(history.last_ms()) {
                 true => renderer.render_watched(&params, None, |fraction| progress.part(fraction, "history")),
                 false => renderer.render(&params),
@@ -55,4 +54,10 @@ impl History {
     pub fn last_ms(&self) -> Option<f64> {
         self.last.as_ref().map(|(frame, _)| frame.makespan_ms)
     }
+}
+
+/// Returns true if the next frame probably takes long, and is rendered with progress; `last_ms` is the makespan of the
+/// last frame. The first one may take any time.
+pub fn takes_long(last_ms: Option<f64>) -> bool {
+    last_ms.is_none_or(|ms| ms > 500.0)
 }

@@ -37,7 +37,7 @@ impl Run<'_> {
             pixel_centre: [0.5; 2],
         };
         if !options.aovs.is_empty() {
-            let params = renderer.frame(&shot.rig, plan.time_s(index), index);
+            let params = renderer.frame(&shot.rig, options.time_s(index), index);
             // After a signal, devices may be too busy to render them.
             let rendered = interrupt::as_none(renderer.render(&params).map_err(Failure::from))?;
             if let Some(report) = rendered {
@@ -54,9 +54,9 @@ impl Run<'_> {
                 images.overlay(report.stripe_edges(), rectified);
             }
             let quality = Quality { spp: done.row.spp.into(), ..options.quality() };
-            rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
+            rows.frames.push(args.row(&report, &quality, &shot.rig, options.time_s(index)));
         }
-        let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, plan.time_s(index), index);
+        let tags = output::tags(&shot.rig, shot.exposure_ev, options.settings.size, options.time_s(index), index);
         rows.references.push(done.row);
         let number = (options.frames > 1).then_some(index);
         let _writing = interrupt::writing();

@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use super::Run;
-use super::instants::{takes_long, time_s};
+use super::history::takes_long;
 use crate::failure::Failure;
 use crate::interrupt;
 use crate::output::FrameImages;
@@ -33,7 +33,7 @@ impl Run<'_> {
         if self.begun == options.frames || interrupt::is_set() {
             return Ok(None);
         }
-        let params = self.renderer.frame(&self.loaded.shot.rig, time_s(options, self.begun), self.begun);
+        let params = self.renderer.frame(&self.loaded.shot.rig, options.time_s(self.begun), self.begun);
         self.begun += 1;
         // The frames of a sequence have all samples.
         let (is_still, progress) = (options.frames == 1, &self.progress);
