@@ -47,9 +47,11 @@ impl From<Quality> for Envelope {
 }
 
 impl Envelope {
-    /// Returns bounds that also contain frames without the denoiser.
+    /// Returns bounds that also contain frames without the denoiser if it has a history. A session measures the errors
+    /// of such denoisers against them.
     pub fn with_unfiltered(self) -> Self {
-        Self { mixes_filter: self.most.filter.is_some(), ..self }
+        let is_measured = self.most.filter.is_some_and(|filter| filter.denoiser.keeps_history());
+        Self { mixes_filter: self.mixes_filter || is_measured, ..self }
     }
 
     /// Checks that a frame of a run with these bounds can have a quality.
