@@ -68,8 +68,10 @@ impl Pictures {
 fn is_ours(name: &str) -> bool {
     let is_aov = |stem: &str| Aov::ALL.iter().any(|aov| aov.name() == stem);
     let Some((stem, extension)) = name.split_once('.') else { return false };
-    let is_stem = ["left", "right", "stereo", "anaglyph", "sheet"].contains(&stem) || is_aov(stem);
-    let is_plain = extension.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'.' || b == b'_');
+    let numbered = ["view", "quilt_qs"].into_iter().find_map(|kind| stem.strip_prefix(kind));
+    let is_numbered = numbered.is_some_and(|number| number.starts_with(|first: char| first.is_ascii_digit()));
+    let is_stem = ["left", "right", "stereo", "anaglyph", "sheet"].contains(&stem) || is_aov(stem) || is_numbered;
+    let is_plain = name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'.' || b == b'_');
     is_stem && is_plain && (extension.ends_with("exr") || extension.ends_with("png"))
 }
 
@@ -79,8 +81,18 @@ mod tests {
 
     #[test]
     fn only_names_of_results_count_as_pictures() {
-        for ours in ["left.exr", "right.0007.exr", "left.normal.12345.exr", "holes.png", "stereo.0000.png", "sheet.png"]
-        {
+        for ours in [
+            "left.exr",
+            "right.0007.exr",
+            "left.normal.12345.exr",
+            "holes.png",
+            "stereo.0000.png",
+            "sheet.png",
+            "view00.exr",
+            "view107.normal.0003.exr",
+            "quilt_qs8x6a0.75.png",
+            "quilt_qs8x6a1.0001.png",
+        ] {
             assert!(is_ours(ours), "{ours}");
         }
         for other in [
@@ -93,6 +105,9 @@ mod tests {
             "left./../a.exr",
             "left.exr.bak",
             "a/left.exr",
+            "view.exr",
+            "views.png",
+            "quilt_qs8/../a.png",
         ] {
             assert!(!is_ours(other), "{other}");
         }
