@@ -110,32 +110,29 @@ impl FrameLine {
     /// Returns the contents of `frames.csv`. The control loop's columns, with the rows of each device, are left out if
     /// no line has a decision.
     pub fn csv(lines: &[Self]) -> Csv {
-        let all = Csv::new(&COLUMNS, lines);
         if lines.iter().all(|l| l.control.is_none()) {
-            return all;
+            return Csv::new(&COLUMNS, lines);
         }
         let devices = lines.iter().map(|l| l.stripes.len()).max().unwrap_or(0);
-        let lines_of_rows = lines.iter().map(|l| l.cells_of_rows(devices).collect()).collect();
-        let rows = Csv { columns: columns_of_rows(devices).collect(), lines: lines_of_rows };
-        all.beside(Csv::new(&CONTROL, lines)).beside(rows).beside(Csv::new(&DEADLINE, lines))
+        Csv { columns: names(devices).collect(), lines: lines.iter().map(|l| l.cells(devices).collect()).collect() }
     }
 
     /// Returns the header line, with the control loop's columns, for a file that is written line by line. `devices` is
     /// the number of devices at the start of the run.
     pub fn header(devices: usize) -> Vec<u8> {
-        let names = COLUMNS.iter().chain(&CONTROL).map(|(name, _)| (*name).to_owned());
-        let deadline = DEADLINE.iter().map(|(name, _)| (*name).to_owned());
-        csv::line(names.chain(columns_of_rows(devices)).chain(deadline))
+        csv::line(names(devices))
     }
 
     /// Returns the frame's line in a file that begins with [`Self::header`] of as many devices.
     pub fn text(&self, devices: usize) -> Vec<u8> {
-        let cells = COLUMNS.iter().chain(&CONTROL).map(|(_, cell)| cell(self));
-        csv::line(cells.chain(self.cells_of_rows(devices)).chain(DEADLINE.iter().map(|(_, cell)| cell(self))))
+        csv::line(self.cells(devices))
     }
 
-    fn cells_of_rows(&self, devices: usize) -> impl Iterator<Item = String> {
-        (0..devices).map(|device| optional(self.stripes.get(device)))
+    fn cells(&self, devices: usize) -> impl Iterator<Item = String> {
+        let rows = (0..devices).map(|device| optional(self.stripes.get(device)));
+        let [all, control, deadline] =
+            [&COLUMNS[..], &CONTROL, &DEADLINE].map(move |columns| columns.iter().map(move |(_, cell)| cell(self)));
+        all.chain(control).chain(rows).chain(deadline)
     }
 
     /// Returns the contents of `frames.csv` for the rows of `run.json`.
@@ -144,9 +141,12 @@ impl FrameLine {
     }
 }
 
-/// Returns the names of the columns with the rows of each device.
-fn columns_of_rows(devices: usize) -> impl Iterator<Item = String> {
-    (0..devices).map(|device| format!("rows_dev{device}"))
+/// Returns the names of all columns, with one for the rows of each device.
+fn names(devices: usize) -> impl Iterator<Item = String> {
+    let rows = (0..devices).map(|device| format!("rows_dev{device}"));
+    let [all, control, deadline] =
+        [&COLUMNS[..], &CONTROL, &DEADLINE].map(|columns| columns.iter().map(|(name, _)| (*name).to_owned()));
+    all.chain(control).chain(rows).chain(deadline)
 }
 
 #[cfg(test)]
