@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use crate::report::statistics::mean_of_some;
 use crate::report::study::{SequenceRow, sequence_table};
 use crate::report::{cell, text_table};
 use anyhow::{Context, anyhow, bail, ensure};
@@ -133,8 +134,7 @@ impl<'a> Sequence<'a> {
         }
         let row = |view: ViewSums| SequenceRow::new(view.eye, self.exposure_ev, view.errors, view.changes.into());
         let rows = views.into_iter().map(row).collect();
-        let rivalry_flicker = (!flickers.is_empty()).then(|| flickers.iter().sum::<f64>() / flickers.len() as f64);
-        Ok(Results { rows, rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker })
+        Ok(Results { rows, rivalry: Rivalry::mean_of(&rivalries), rivalry_flicker: mean_of_some(flickers) })
     }
 
     /// Reads a frame of a view with its surfaces, and lists contradictions between the files' metadata.

@@ -18,5 +18,5 @@ pub use kinds::{KIND_NOTE, kind_table};
 pub use ladder::{ladder_svg, ladder_table, no_worse, rungs};
 pub use regret::{Regret, regret_table, regrets};
 pub use rows::{Measured, Repeat, SettingRow, Timed};
-pub use slopes::{Slope, log_slope, slopes};
+pub use slopes::{Slope, slopes};
 pub use tables::{ERROR_NOTE, Shared, csv, exposure_note, frames, table, undecided_note};

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::csv::{Column, Csv, number, optional};
 use super::frame_row::aov_ms;
-use super::statistics::{interval_of_median, quartiles};
+use super::statistics::{interquartile_range, interval_of_median};
 use super::{Table, imbalance, median_of, percent};
 use diptych::exec::{FrameReport, TimedTask};
 use limits::{Causes, Losses, Times};
@@ -182,12 +182,6 @@ fn transfer_ms(frame: &FrameReport) -> f64 {
 
 fn ends(interval: Option<[f64; 2]>) -> [Option<f64>; 2] {
     [interval.map(|ends| ends[0]), interval.map(|ends| ends[1])]
-}
-
-/// Returns the interquartile range, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
-fn interquartile_range(values: Vec<f64>) -> f64 {
-    let [lower, _, upper] = quartiles(values);
-    upper - lower
 }
 
 /// Largest efficiency that scatter explains.

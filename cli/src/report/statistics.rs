@@ -4,6 +4,12 @@ pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
+/// Returns the mean of some values; `None` without any.
+pub fn mean_of_some(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.into_iter().fold((0.0, 0_u32), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
 /// Returns the sample standard deviation (with divisor n − 1).
 pub fn deviation(values: &[f64]) -> f64 {
     let mean = mean(values);
@@ -18,6 +24,12 @@ pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
         let value = |i: f64| values.get(i as usize).copied().unwrap_or(0.0);
         value(at.floor()) + (value(at.ceil()) - value(at.floor())) * at.fract()
     })
+}
+
+/// Returns the interquartile range, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
+pub fn interquartile_range(values: Vec<f64>) -> f64 {
+    let [lower, _, upper] = quartiles(values);
+    upper - lower
 }
 
 /// Returns the ends of the 95 % interval of the median, which are order statistics and hold for any distribution;
@@ -46,6 +58,7 @@ mod tests {
         assert_eq!(quartiles(vec![1.0, 2.0]), [1.25, 1.5, 1.75]);
         assert_eq!(quartiles(vec![7.0]), [7.0; 3]);
         assert_eq!(quartiles(Vec::new()), [0.0; 3]);
+        assert_eq!(interquartile_range(vec![5.0, 1.0, 2.0, 4.0, 3.0]), 2.0);
     }
 
     #[test]

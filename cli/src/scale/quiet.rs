@@ -1,6 +1,7 @@
 //! Turns in which no other program disturbed the measurement.
 
 use crate::others::NOTICEABLE;
+use crate::report::statistics::mean_of_some;
 
 /// Fewest turns that have an interval.
 const FEWEST: usize = 6;
@@ -20,22 +21,20 @@ impl Quiet {
     /// if enough others are left.
     pub fn of(shares: &[Option<f64>]) -> Self {
         let is_busy = |share: &Option<f64>| share.is_some_and(|share| share >= NOTICEABLE);
-        let mean = |of: &mut dyn Iterator<Item = f64>| {
-            let (sum, count) = of.fold((0.0, 0u32), |(sum, count), share| (sum + share, count + 1));
-            (count > 0).then(|| sum / f64::from(count))
-        };
         let busy = shares.iter().filter(|share| is_busy(share)).count();
         let leaves_out = busy > 0 && shares.len() - busy >= FEWEST;
         let counts: Vec<bool> = shares.iter().map(|share| !(leaves_out && is_busy(share))).collect();
-        let warning = mean(&mut shares.iter().filter(|share| is_busy(share)).filter_map(|share| *share)).map(|share| {
-            let effect = match leaves_out {
-                true => "these turns do not count",
-                false => "this run cannot tell speed-ups; measure again when they are done",
-            };
-            let (percent, all) = (share * 100.0, shares.len());
-            format!("other programs took {percent:.0} % of the cores in {busy} of {all} turns: {effect}")
-        });
-        let others_share = mean(&mut shares.iter().zip(&counts).filter(|(_, counts)| **counts).filter_map(|(s, _)| *s));
+        let warning =
+            mean_of_some(shares.iter().filter(|share| is_busy(share)).filter_map(|share| *share)).map(|share| {
+                let effect = match leaves_out {
+                    true => "these turns do not count",
+                    false => "this run cannot tell speed-ups; measure again when they are done",
+                };
+                let (percent, all) = (share * 100.0, shares.len());
+                format!("other programs took {percent:.0} % of the cores in {busy} of {all} turns: {effect}")
+            });
+        let others_share =
+            mean_of_some(shares.iter().zip(&counts).filter(|(_, counts)| **counts).filter_map(|(s, _)| *s));
         Self { counts, others_share, warning }
     }
 

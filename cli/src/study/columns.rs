@@ -6,7 +6,7 @@ use super::times::{FrameTimes, TRANSFERS, median_over, stage_ms};
 use crate::report::bench::Measured;
 use crate::report::frames::FrameLine;
 use crate::report::median_of;
-use crate::report::statistics::{deviation, interval_of_median, mean, quartiles};
+use crate::report::statistics::{deviation, interquartile_range, interval_of_median, mean};
 
 /// Measures of an arrangement other than its times and errors, by name.
 pub type Measures = BTreeMap<&'static str, f64>;
@@ -84,8 +84,7 @@ impl Cell<'_> {
 
     /// Returns the interquartile range of the makespans.
     pub fn range_ms(&self) -> Option<f64> {
-        let [lower, _, upper] = quartiles(self.makespans_ms());
-        (!self.found.times.is_empty()).then_some(upper - lower)
+        (!self.found.times.is_empty()).then(|| interquartile_range(self.makespans_ms()))
     }
 
     /// Returns the speed-ups over the first arrangement, frame by frame.
@@ -100,7 +99,7 @@ impl Cell<'_> {
         (!speedups.is_empty()).then(|| median_of(speedups))
     }
 
-    /// Returns an end of the 95 % bootstrap interval of the speed-up: the lower one (0) or the upper one (1).
+    /// Returns an end of the 95 % interval of the median speed-up: the lower one (0) or the upper one (1).
     pub fn speedup_end(&self, end: usize) -> Option<f64> {
         interval_of_median(&self.speedups()).map(|ends| ends[end])
     }

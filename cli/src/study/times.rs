@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::report::median_of;
+use crate::report::statistics::mean_of_some;
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::graph::{FrameGraph, TaskKind};
 use diptych::schedule::{CostModel, Prediction, task_ms};
@@ -59,7 +60,7 @@ impl FrameTimes {
     /// Returns the time of `stages`, averaged over the devices that ran any of them.
     pub fn mean_ms(&self, stages: &[&str]) -> Option<f64> {
         let sum = |ms: &BTreeMap<String, f64>| stages.iter().filter_map(|stage| ms.get(*stage)).sum::<f64>();
-        mean(self.devices.iter().map(sum).filter(|ms| *ms > 0.0))
+        mean_of_some(self.devices.iter().map(sum).filter(|ms| *ms > 0.0))
     }
 
     /// Returns the busy fraction, that is, time in stages without transfers over the makespan: of the primary, and the
@@ -68,13 +69,8 @@ impl FrameTimes {
         let is_own = |stage: &str| !TRANSFERS.contains(&stage);
         let own_ms = |(stage, ms): (&String, &f64)| if is_own(stage) { *ms } else { 0.0 };
         let share = |ms: &BTreeMap<String, f64>| ms.iter().map(own_ms).sum::<f64>() / self.makespan_ms;
-        [self.devices.first().map(share), mean(self.devices.iter().skip(1).map(share))]
+        [self.devices.first().map(share), mean_of_some(self.devices.iter().skip(1).map(share))]
     }
-}
-
-fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let (sum, count) = values.fold((0.0, 0u32), |(sum, count), value| (sum + value, count + 1));
-    (count > 0).then(|| sum / f64::from(count))
 }
 
 /// Returns the time of each stage and of [`TRANSFERS`], summed over devices: the median over the frames that ran it.

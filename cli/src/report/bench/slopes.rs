@@ -38,7 +38,7 @@ impl fmt::Display for Slope {
 }
 
 /// Returns the slope of a least-squares line through (ln x, ln y); `None` for fewer than two different x.
-pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
+fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points.iter().map(|p| (p.0.ln(), p.1.ln())).collect();
     let mean = |f: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(f).sum::<f64>() / logs.len() as f64;
     let (x, y) = (mean(&|p| p.0), mean(&|p| p.1));

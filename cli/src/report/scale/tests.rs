@@ -34,13 +34,6 @@ fn policy_column_appears_for_several_policies() {
 }
 
 #[test]
-fn half_of_the_values_lie_between_the_quartiles() {
-    assert_eq!(interquartile_range(vec![5.0, 1.0, 2.0, 4.0, 3.0]), 2.0);
-    assert_eq!(interquartile_range(vec![1.0, 2.0]), 0.5);
-    assert_eq!(interquartile_range(Vec::new()), 0.0);
-}
-
-#[test]
 fn speedup_error_combines_both_times() {
     let first = row(1, 100.0, 0.0, 1.0).over(None);
     assert_eq!((first.speedup, first.speedup_error, first.efficiency), (1.0, 0.0, 1.0));
