@@ -55,13 +55,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     // threads must not read meanwhile.
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     let gpus = metering::meter(options, &mut loaded, gpus, &progress)?;
-    let look = ViewStatus {
-        scene: loaded.shot.name.clone(),
-        eye: options.settings.size,
-        band_ms: [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()],
-        devices: gpus.infos().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
-        is_foveated: options.quality().fovea.is_some(),
-    };
+    let look = ViewStatus::new(&prepared, &loaded, &gpus.infos());
     let shared = Arc::new(Shared::default());
     let start = Start { prepared, loaded, gpus, tracing, progress };
     let mut app = App::new(look, start, shared, events.create_proxy());

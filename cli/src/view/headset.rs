@@ -91,13 +91,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     session.renderer.set_outputs(if headset.takes_depth() { &outputs } else { &outputs[..1] });
     let motion = prepared.options.recording(world.space, &session.progress)?;
     let record = writes.then(|| session.record(&prepared.render.out)).transpose()?;
-    let look = ViewStatus {
-        scene: loaded.shot.name.clone(),
-        eye: prepared.render.settings.size,
-        band_ms: [prepared.options.budget_ms.lo_ms(), prepared.options.budget_ms.hi_ms()],
-        devices: session.renderer.devices().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
-        is_foveated: prepared.render.quality().fovea.is_some(),
-    };
+    let look = ViewStatus::new(&prepared, &loaded, session.renderer.devices());
     let (status, board) = (Status::default(), None);
     let mut show = Show { session, headset, world, late, motion, record, look, status, board, opens_board: args.panel };
     // Write the results so far, even after an error.
