@@ -15,7 +15,7 @@ use std::sync::{Arc, LazyLock, Mutex, PoisonError};
 use diptych::device::{self, DevicePool};
 use diptych_cli::{Console, CoreTime, run_from};
 pub use folder::{Folder, Said};
-pub use stage::{is_thorough, sampled};
+pub use stage::is_thorough;
 
 /// A stream of a command.
 #[derive(Clone, Default)]
