@@ -1,6 +1,6 @@
 //! Measures the host time per frame of an animated scene: poses, the tree over instances, and the data sent to devices.
 //!
-//! `cargo bench --bench motion -- [--reps N] [--bodies N]`
+//! `cargo bench --bench motion`
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -13,28 +13,17 @@ use diptych::scene::{Instance, Scene, builtin};
 use diptych::tables::SceneTables;
 use glam::{Affine3A, DQuat, DVec3, Vec3};
 
-fn options() -> (usize, usize) {
-    let (mut reps, mut bodies) = (200, 1000);
-    let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-    while let Some(arg) = args.next() {
-        let value = args.next().and_then(|v| v.parse().ok()).unwrap_or_else(|| panic!("{arg} takes a number"));
-        match arg.as_str() {
-            "--reps" => reps = value,
-            "--bodies" => bodies = value,
-            _ => panic!("{arg} is no option of this benchmark"),
-        }
-    }
-    (reps, bodies)
-}
+const FRAMES: usize = 200;
+const BODIES: usize = 1000;
 
 /// Returns copies of a mesh that each move back and forth.
-fn scene(bodies: usize) -> Scene {
+fn scene() -> Scene {
     let mut scene = builtin::find("cornell").expect("it is built in").build();
     let mesh = scene.instances.iter().map(|i| i.mesh).max_by_key(|m| scene.meshes[*m].triangles.len()).unwrap_or(0);
     scene.materials[scene.meshes[mesh].material].emissive = Vec3::ZERO;
     let mut motion = Motion { loops: true, ..Motion::default() };
     let mut channels = Vec::new();
-    for i in 0..bodies {
+    for i in 0..BODIES {
         let at = |k: f32| (i as f32 * k).fract() * 40.0 - 20.0;
         let (from, to) = (Vec3::new(at(0.618), at(0.414), at(0.732)), Vec3::new(at(0.317), at(0.865), at(0.124)));
         let values = [from, to, from].iter().flat_map(|p| p.to_array()).collect();
@@ -50,11 +39,10 @@ fn scene(bodies: usize) -> Scene {
 }
 
 fn main() {
-    let (reps, bodies) = options();
-    let scene = scene(bodies);
+    let scene = scene();
     let accel = Accel::build(&scene).expect("the scene fits");
     let tables = SceneTables::new(&scene, accel).expect("the scene has tables");
-    let mut times_ms: Vec<f64> = (0..reps)
+    let mut times_ms: Vec<f64> = (0..FRAMES)
         .map(|frame| {
             let (now_s, last_s) = (frame as f64 / 60.0, (frame as f64 - 1.0) / 60.0);
             let begin = Instant::now();
@@ -64,5 +52,5 @@ fn main() {
         .collect();
     times_ms.sort_by(f64::total_cmp);
     let at = |share: f64| times_ms[((times_ms.len() - 1) as f64 * share) as usize];
-    println!("{bodies} rigid bodies: {:.3} ms a frame, p95 {:.3}, most {:.3}", at(0.5), at(0.95), at(1.0));
+    println!("{BODIES} rigid bodies: {:.3} ms a frame, p95 {:.3}, most {:.3}", at(0.5), at(0.95), at(1.0));
 }

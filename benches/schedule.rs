@@ -1,7 +1,6 @@
-//! Measures the host time of planning a frame, without a device: learn, choose the halo plan, assign and predict, for
-//! each policy that learns.
+//! Measures the host time of planning a frame, without a device: learn, choose the halo plan, assign and predict.
 //!
-//! `cargo bench --bench schedule -- [--reps N] [--devices N] [--height ROWS] [--iterations N]`
+//! `cargo bench --bench schedule`
 //!
 //! Costs change a little from frame to frame, so that stripes move now and then. Like in the renderer, the graph is
 //! rebuilt only if they or the halo plan have changed. That is timed separately.
@@ -17,28 +16,10 @@ use diptych::schedule::{
     CostModel, FrameCosts, Measured, Policy, RelativeCost, StageCost, TransferCost, choose_halo, simulate,
 };
 
-struct Options {
-    reps: usize,
-    devices: usize,
-    height: u32,
-    iterations: u32,
-}
-
-fn options() -> Options {
-    let mut options = Options { reps: 2000, devices: 8, height: 720, iterations: 5 };
-    let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
-    while let Some(arg) = args.next() {
-        let value = args.next().unwrap_or_else(|| panic!("{arg} takes a value"));
-        match arg.as_str() {
-            "--reps" => options.reps = value.parse().expect("--reps takes a number"),
-            "--devices" => options.devices = value.parse().expect("--devices takes a number"),
-            "--height" => options.height = value.parse().expect("--height takes a number of rows"),
-            "--iterations" => options.iterations = value.parse().expect("--iterations takes a number"),
-            _ => panic!("{arg} is no option of this benchmark"),
-        }
-    }
-    options
-}
+const FRAMES: usize = 2000;
+const DEVICES: usize = 8;
+const EXTENT: Extent = Extent::new(1280, 720);
+const ITERATIONS: u32 = 5;
 
 /// Returns the costs of a graph for a picture whose upper half is sky, on devices of equal speed.
 fn costs(spec: &FrameSpec, graph: &FrameGraph, frame: usize) -> FrameCosts {
@@ -75,21 +56,16 @@ fn median(values: &mut [f64]) -> f64 {
 }
 
 fn main() {
-    let Options { reps, devices, height, iterations } = options();
-    let frame = FrameSpec::new(Extent::new(height * 16 / 9, height), devices);
-    let spec = FrameSpec { filter: Some(Denoiser::ATROUS), iterations, ..frame };
-    println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows, {iterations} iterations");
-    measure(Measured::new(height, devices), &spec, reps);
-}
-
-fn measure(mut policy: Measured, spec: &FrameSpec, reps: usize) {
+    let frame = FrameSpec::new(EXTENT, DEVICES);
+    let spec = FrameSpec { filter: Some(Denoiser::ATROUS), iterations: ITERATIONS, ..frame };
+    let mut policy = Measured::new(EXTENT.height, DEVICES);
     let declarations = Declarations::default();
-    let mut model = CostModel::new(&declarations.program(spec), spec.devices);
+    let mut model = CostModel::new(&declarations.program(&spec), DEVICES);
     let mut halo = HaloPlan::RECOMPUTE;
     let mut planned: Option<(Assignment, Arc<FrameGraph>)> = None;
     let [mut learn, mut choose, mut assign, mut predict, mut plan, mut build] = [const { Vec::new() }; 6];
     let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
-    for frame in 0..reps {
+    for frame in 0..FRAMES {
         let begin = Instant::now();
         let next = choose_halo(&model, halo);
         if next != halo {
@@ -115,7 +91,7 @@ fn measure(mut policy: Measured, spec: &FrameSpec, reps: usize) {
         let begin = Instant::now();
         std::hint::black_box(simulate(&graph, &model).expect("a graph of the builder"));
         let predict_ms = ms(begin);
-        let costs = costs(spec, &graph, frame);
+        let costs = costs(&spec, &graph, frame);
         let begin = Instant::now();
         model.learn(&costs);
         let learn_ms = ms(begin);
@@ -126,8 +102,7 @@ fn measure(mut policy: Measured, spec: &FrameSpec, reps: usize) {
         plan.push(choose_ms + assign_ms + predict_ms + learn_ms);
     }
     println!(
-        "  {:<8} {:.4}: halo plan {:.4}, assign {:.4}, predict {:.4}, learn {:.4}; graph {:.4}, built {} times",
-        policy.name(),
+        "{:.4} ms per frame, median of {FRAMES}, {DEVICES} devices, {EXTENT}: halo plan {:.4}, assign {:.4}, predict {:.4}, learn {:.4}; graph {:.4}, built {} times",
         median(&mut plan),
         median(&mut choose),
         median(&mut assign),

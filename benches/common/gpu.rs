@@ -1,9 +1,7 @@
 //! The shaders' traversal on one device that uses all cores.
 
-use std::path::PathBuf;
-
 use diptych::accel::Layout;
-use diptych::device::{self, GpuDevice, SceneAccess, Selection, ShaderChecks, Traversal, TraversalChoice};
+use diptych::device::{self, GpuDevice, Selection, ShaderChecks, Traversal, TraversalChoice};
 use diptych::graph::Kernel;
 use diptych::image::Extent;
 use diptych::layout::{Camera, Frame};
@@ -19,45 +17,6 @@ pub struct Gpu {
     groups: [wgpu::BindGroup; 2],
     hits: wgpu::Buffer,
     workgroups: [u32; 2],
-}
-
-/// A traversal to measure.
-#[derive(Clone, Debug)]
-pub enum Version {
-    /// The current traversal.
-    Present(Traversal),
-    /// Compute shaders in which this file replaces `trace` and `traverse_compute`.
-    Of(PathBuf),
-}
-
-impl Version {
-    pub fn name(&self) -> String {
-        match self {
-            Self::Present(traversal) => traversal.name().to_owned(),
-            Self::Of(file) => file.file_name().unwrap_or_default().display().to_string(),
-        }
-    }
-
-    fn traversal(&self) -> Traversal {
-        match self {
-            Self::Present(traversal) => *traversal,
-            Self::Of(_) => Traversal::Compute,
-        }
-    }
-}
-
-/// Returns the source of the kernel, with the version's traversal.
-fn source(version: &Version, access: SceneAccess) -> String {
-    let text = shader_text(&Kernel::from_text("rays", include_str!("../rays.wgsl")).reading_scene(), &[], access);
-    let Version::Of(file) = version else { return text };
-    let replacement = std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
-    let [trace, traverse] = [
-        include_str!("../../shaders/shared/trace.inc.wgsl"),
-        include_str!("../../shaders/shared/traverse_compute.inc.wgsl"),
-    ]
-    .map(|file| file.split_inclusive('\n').filter(|line| !line.starts_with("//!include ")).collect::<String>());
-    assert!(text.contains(&trace) && text.contains(&traverse), "the text includes the traversal");
-    text.replacen(&trace, &replacement, 1).replacen(&traverse, "", 1)
 }
 
 fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
@@ -102,16 +61,15 @@ fn pipeline(
         constants: &constants,
         zero_workgroup_memory: false,
     };
-    // SAFETY: loops end, integer divisors are not 0, and bounds stay checked. For a version from a file, whoever names
-    // the file vouches for that.
+    // SAFETY: loops end, integer divisors are not 0, and bounds stay checked.
     unsafe { main.trusted_pipeline(&gpu.device, &pipeline_layout, ShaderChecks::Fast) }
 }
 
 impl Gpu {
     /// # Panics
     /// If there is no device, or the shader is rejected.
-    pub fn new(workload: &Workload, layout: Layout, case: Case, rays: &[BenchRay], version: &Version) -> Self {
-        let traversal = match version.traversal() {
+    pub fn new(workload: &Workload, layout: Layout, case: Case, rays: &[BenchRay], traversal: Traversal) -> Self {
+        let traversal = match traversal {
             Traversal::Compute => TraversalChoice::Compute,
             Traversal::Hardware => TraversalChoice::Hardware,
         };
@@ -148,7 +106,8 @@ impl Gpu {
         let mut scene_entries = vec![bound(0, &frame)];
         scene_entries.extend(scene.entries());
         let groups = [group(&layouts[0], &scene_entries), group(&layouts[1], &[bound(0, &rays), bound(1, &hits)])];
-        let source = source(version, gpu.scene_access());
+        let kernel = Kernel::from_text("rays", include_str!("../rays.wgsl")).reading_scene();
+        let source = shader_text(&kernel, &[], gpu.scene_access());
         let pipeline = pipeline(&gpu, [&layouts[0], &layouts[1]], &source, case, tables.has_instances());
         let workgroups = [workload.extent.width.div_ceil(8), workload.extent.height.div_ceil(8)];
         Self { gpu, pipeline, groups, hits, workgroups }

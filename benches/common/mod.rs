@@ -4,7 +4,7 @@ mod cpu;
 mod gpu;
 
 pub use cpu::Cpu;
-pub use gpu::{Gpu, Version};
+pub use gpu::Gpu;
 
 use bytemuck::{Pod, Zeroable};
 use diptych::accel::{Accel, Layout};
@@ -45,10 +45,6 @@ impl Case {
             Self::Paths => "paths",
             Self::Shadow => "shadow",
         }
-    }
-
-    pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|c| c.name() == name)
     }
 
     pub fn segments(self) -> usize {
