@@ -74,7 +74,7 @@ hardware_rays() {
 }
 
 golden() {
-    before=${GOLDEN:-docs/golden}/$1.txt
+    before=${GOLDEN:+$GOLDEN/$1.txt}
     [ -e "$before" ] || before=
     $make golden RUN="$2" BEFORE="$before" || exit 1
     cp out/golden.txt "$state/$1.txt"

@@ -45,7 +45,6 @@ case_of() {
     # shellcheck disable=SC2086
     "$diptych" render "$@" $small --virtual 4 --out "$out/$name"
     for arrangement in "1 4" "2 2" "4 1"; do
-        set -- "$@"
         ranks=${arrangement% *}
         each=${arrangement#* }
         on "$ranks" "$each" render "$@" --out "$out/$name.$ranks" || fail "$name on $ranks ranks ended with status $?"

@@ -157,16 +157,8 @@ mod tests {
 
     use super::*;
 
-    /// Returns the broken links of a repository with these files; its folder also contains `ignored.md`.
     fn broken(files: &[(&str, &str)]) -> Vec<String> {
-        let folder = tempfile::tempdir().expect("folders can be made");
-        for (file, text) in [("ignored.md", "[a](nowhere)")].iter().chain(files) {
-            let path = folder.path().join(file);
-            fs::create_dir_all(path.parent().expect("it is below the root")).expect("folders can be made");
-            fs::write(path, text).expect("files can be written");
-        }
-        let files = files.iter().map(|(file, _)| (*file).to_owned()).collect();
-        super::broken(&Repository::read(folder.path(), files).expect("the files can be read"))
+        crate::with_files(files, super::broken)
     }
 
     const DOCS: [(&str, &str); 3] = [

@@ -31,6 +31,19 @@ impl<'a> Repository<'a> {
     }
 }
 
+/// Calls `check` with a repository of these files; its folder also contains `ignored.md`.
+#[cfg(test)]
+fn with_files<T>(files: &[(&str, &str)], check: impl FnOnce(&Repository) -> T) -> T {
+    let folder = tempfile::tempdir().expect("folders can be made");
+    for (file, text) in [("ignored.md", "[a](nowhere)")].iter().chain(files) {
+        let path = folder.path().join(file);
+        fs::create_dir_all(path.parent().expect("it is below the root")).expect("folders can be made");
+        fs::write(path, text).expect("files can be written");
+    }
+    let files = files.iter().map(|(file, _)| (*file).to_owned()).collect();
+    check(&Repository::read(folder.path(), files).expect("the files can be read"))
+}
+
 /// Lists the files that git tracks, or would track after they are added.
 fn tracked(root: &Path) -> Result<BTreeSet<String>, String> {
     let mut git = Command::new("git");

@@ -91,8 +91,6 @@ fn is_fragment(text: &str, item: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeSet;
-
     use super::*;
 
     #[test]
@@ -165,15 +163,8 @@ mod tests {
     #[test]
     fn a_repository_is_held_to_the_rules() {
         let check = |source: &str, readme: String| {
-            let folder = tempfile::tempdir().expect("folders can be made");
             let files = [("README.md", readme.as_str()), ("src/exec/run.rs", source)];
-            for (file, text) in files {
-                let path = folder.path().join(file);
-                fs::create_dir_all(path.parent().expect("it is below the root")).expect("folders can be made");
-                fs::write(path, text).expect("files can be written");
-            }
-            let files: BTreeSet<_> = files.iter().map(|(file, _)| (*file).to_owned()).collect();
-            faults(&Repository::read(folder.path(), files).expect("the files can be read")).expect("they are UTF-8")
+            crate::with_files(&files, |repository| faults(repository).expect("they are UTF-8"))
         };
         let run = "/// A run.\nstruct Run;\n";
         assert_eq!(check(run, format!("what {}", "word ".repeat(399))), [""; 0]);
