@@ -4,13 +4,13 @@
 
 use crate::common::{Stage, Subject, sampled, still_rig};
 use crate::reference::scenes::studio::{dielectric, metal};
-use crate::reference::scenes::{add_image, add_material, empty, matte, place, quad};
+use crate::reference::scenes::{add_material, add_texture, append, empty, matte, place, quad};
 use diptych::RunConfig;
 use diptych::exec::PerView;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::quality::{Denoiser, Filter};
 use diptych::scene::rig::{Eye, RigKey};
-use diptych::scene::{Clearcoat, Environment, Light, LightKind, Material, Scene, Texture, TextureRef, Wrap};
+use diptych::scene::{Clearcoat, Environment, Light, LightKind, Material, Mesh, Scene, TextureRef};
 use glam::{Affine2, DVec3, Vec2, Vec3, vec3};
 
 const EXTENT: Extent = Extent::new(64, 48);
@@ -46,18 +46,16 @@ pub fn moving(mut subject: Subject) -> Subject {
     subject
 }
 
-/// Returns a texture of two by two texels, which repeats over the floor.
-fn tiles(scene: &mut Scene, [a, b]: [[u8; 4]; 2]) -> TextureRef {
-    let image = add_image(scene, Image { extent: Extent::new(2, 2), pixels: vec![a, b, b, a] });
-    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: false });
-    let uv_from_uv = Affine2::from_scale(Vec2::splat(TILES as f32 / 2.0));
-    TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv }
+/// Returns a texture of two by two texels, which repeats so many times in a unit of its coordinates.
+pub fn tiles(scene: &mut Scene, [a, b]: [[u8; 4]; 2], times: f32) -> TextureRef {
+    let tiles = add_texture(scene, Image { extent: Extent::new(2, 2), pixels: vec![a, b, b, a] }, false);
+    TextureRef { uv_from_uv: Affine2::from_scale(Vec2::splat(times)), ..tiles }
 }
 
 /// Returns a floor of one material with a texture of these two colours.
 pub fn textured(name: &str, texels: [[u8; 4]; 2], material: impl FnOnce(TextureRef) -> Material) -> Subject {
     let mut scene = empty(name);
-    let texture = tiles(&mut scene, texels);
+    let texture = tiles(&mut scene, texels, TILES as f32 / 2.0);
     let material = add_material(&mut scene, material(texture));
     let mut floor = quad(vec3(-0.5 * SIZE, 0.0, 0.5 * SIZE), SIZE * Vec3::X, -SIZE * Vec3::Z, material);
     floor.uvs[0] = vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y];
@@ -72,14 +70,10 @@ fn coplanar(name: &str, materials: [Material; 2]) -> Subject {
     for (parity, material) in materials.into_iter().enumerate() {
         let material = add_material(&mut scene, material);
         let tiles = (0..TILES).flat_map(|z| (0..TILES).map(move |x| (x, z))).filter(|(x, z)| (x + z) % 2 == parity);
-        let mut floor = quad(Vec3::ZERO, Vec3::X, -Vec3::Z, material);
-        (floor.positions, floor.triangles) = (Vec::new(), Vec::new());
+        let mut floor = Mesh { material, ..Mesh::default() };
         for (x, z) in tiles {
             let corner = vec3(x as f32 * edge - 0.5 * SIZE, 0.0, 0.5 * SIZE - z as f32 * edge);
-            let tile = quad(corner, edge * Vec3::X, -edge * Vec3::Z, material);
-            let first = floor.positions.len() as u32;
-            floor.positions.extend(tile.positions);
-            floor.triangles.extend(tile.triangles.iter().map(|corners| corners.map(|i| first + i)));
+            append(&mut floor, quad(corner, edge * Vec3::X, -edge * Vec3::Z, material));
         }
         place(&mut scene, floor);
     }

@@ -2,6 +2,7 @@
 
 use crate::common::{Stage, Subject, is_thorough};
 use crate::pictures::{brightest, seen};
+use crate::reference::scenes::studio::{CLEAR, glass};
 use crate::reference::scenes::{add_material, empty, icosphere, matte, place, place_at, quad, scaled_at};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use crate::reference::{Pinhole, Reference};
@@ -9,7 +10,7 @@ use diptych::RunConfig;
 use diptych::frame::Sampler;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::Aov;
-use diptych::scene::{Clearcoat, Environment, Material, Scene, Volume};
+use diptych::scene::{Clearcoat, Environment, Material, Scene};
 use glam::{Vec3, vec3};
 
 const WIDTH: u32 = 160;
@@ -130,9 +131,7 @@ fn glass_balls() -> (Scene, Pinhole) {
     let mut scene = empty("glass balls");
     scene.environment = Environment::Constant(Vec3::ONE);
     for (i, roughness) in [0.0, 0.3, 0.7].into_iter().enumerate() {
-        let volume = Some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY });
-        let glass = Material { specular: 1.0, transmission: 1.0, volume, roughness, ..matte() };
-        let material = add_material(&mut scene, glass);
+        let material = add_material(&mut scene, Material { volume: CLEAR, ..glass(Vec3::ONE, roughness) });
         place_at(&mut scene, icosphere(2, false, material), scaled_at(0.48, vec3(i as f32 - 1.0, 0.0, 0.0)));
     }
     (scene, Pinhole::looking_at(Vec3::Z * 50.0, Vec3::ZERO, Vec3::Y, 1.6))

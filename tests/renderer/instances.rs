@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::pictures::mean;
 use crate::reference::scenes::pictures::painted;
+use crate::reference::scenes::quad;
 use diptych::accel::{Accel, Layout};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::Aov;
@@ -42,11 +43,8 @@ fn ball(rings: usize, material: usize) -> Mesh {
 /// Returns a square from (-1, -1, 0) to (1, 1, 0) that faces +z, without vertex normals.
 fn square(material: usize) -> Mesh {
     Mesh {
-        positions: [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(|[x, y]| Vec3::new(x, y, 0.0)).to_vec(),
         uvs: [vec![Vec2::Y, Vec2::ONE, Vec2::X, Vec2::ZERO], vec![]],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        material,
-        ..Mesh::default()
+        ..quad(Vec3::new(-1.0, -1.0, 0.0), 2.0 * Vec3::X, 2.0 * Vec3::Y, material)
     }
 }
 

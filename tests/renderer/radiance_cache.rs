@@ -1,19 +1,19 @@
 //! Paths that end in the radiance cache: the light that they find, on any number of devices.
 
-use glam::{Affine2, Affine3A, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
+use glam::{Affine3A, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::moving::watched;
+use crate::black::{BLACK, RED, WHITE, tiles};
 use crate::common::{Frame, Stage, Subject, devices_to_lose, still_rig};
 use crate::pictures::mean;
 use crate::reference::scenes::moving::everything;
-use crate::reference::scenes::{add_image, add_material, add_mesh, block, empty, instance, matte, place, quad};
+use crate::reference::scenes::{add_material, add_mesh, block, empty, instance, matte, place, quad};
 use crate::same_bytes::{HEIGHT, Rows, every, hold, run};
 use diptych::RunConfig;
 use diptych::graph::HaloPlan;
-use diptych::image::{Extent, Image};
 use diptych::metrics;
 use diptych::scene::rig::{Rig, RigKey};
-use diptych::scene::{Material, Scene, Texture, TextureRef, Wrap};
+use diptych::scene::{Material, Scene};
 use diptych::schedule::Even;
 
 const WIDTH: u32 = 128;
@@ -155,14 +155,10 @@ fn looked_into(scene: Scene) -> Subject {
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn cells_keep_the_light_of_tiles() {
-    let white = [230, 230, 230, 255];
-    for texels in [[[0, 0, 0, 255], white], [[230, 0, 0, 255], white]] {
-        let subject = looked_into(room("tiled room", |scene| {
-            let [a, b] = texels;
-            let image = add_image(scene, Image { extent: Extent::new(2, 2), pixels: vec![a, b, b, a] });
-            scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: false });
-            let uv_from_uv = Affine2::from_scale(Vec2::splat(8.0));
-            Material { base_color_texture: Some(TextureRef { texture: 0, uv_set: 0, uv_from_uv }), ..matte() }
+    for texels in [[BLACK, WHITE], [RED, WHITE]] {
+        let subject = looked_into(room("tiled room", |scene| Material {
+            base_color_texture: Some(tiles(scene, texels, 8.0)),
+            ..matte()
         }));
         let [off, on] = [false, true].map(|cache| {
             let mut stage = Stage::alone(&subject, &settings(&subject, cache));

@@ -2,13 +2,13 @@
 
 use crate::common::{Stage, Subject, still_rig};
 use crate::reference::scenes::studio::{Pictures, dielectric};
-use crate::reference::scenes::{add_image, add_material, empty, matte, place, quad};
+use crate::reference::scenes::{add_material, add_texture, empty, matte, place, quad};
 use diptych::RunConfig;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics;
 use diptych::passes::Aov;
 use diptych::quality::{Denoiser, Filter};
-use diptych::scene::{AlphaMode, Environment, Material, Mesh, Scene, Texture, TextureRef, Wrap};
+use diptych::scene::{AlphaMode, Environment, Material, Mesh, Scene, TextureRef};
 use glam::{Affine2, Vec2, Vec3, vec3};
 
 const EXTENT: Extent = Extent::new(64, 48);
@@ -110,10 +110,8 @@ fn transparent_texels_do_not_bleed_colour() {
     let mut scene = empty("leaves");
     let mut leaves = Image::filled(Extent::new(8, 8), [200, 0, 0, 255]);
     leaves.pixels.iter_mut().step_by(2).for_each(|texel| *texel = [0, 255, 0, 0]);
-    let image = add_image(&mut scene, leaves);
-    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: false });
     let uv_from_uv = Affine2::from_scale(Vec2::splat(30.0));
-    let texture = TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv };
+    let texture = TextureRef { uv_from_uv, ..add_texture(&mut scene, leaves, false) };
     for alpha_mode in [AlphaMode::Mask { cutoff: 0.5 }, AlphaMode::Blend] {
         let mut scene = scene.clone();
         let leaf = Material { base_color_texture: Some(texture), alpha_mode, ..matte() };

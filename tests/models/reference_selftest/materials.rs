@@ -3,13 +3,11 @@
 use std::f64::consts::PI;
 
 use diptych::image::{Extent, Image};
-use diptych::scene::{
-    Clearcoat, Environment, Light, LightKind, Material, Mesh, NormalMap, Scene, Texture, TextureRef, Wrap,
-};
-use glam::{Affine2, Affine3A, DVec3, Vec3, vec2, vec3, vec4};
+use diptych::scene::{Clearcoat, Environment, Light, LightKind, Material, Mesh, NormalMap, Scene, TextureRef};
+use glam::{Affine3A, DVec3, Vec3, vec2, vec3, vec4};
 
 use crate::reference::asserts::assert_exact;
-use crate::reference::scenes::{add_image, add_material, add_mesh, empty, instance, matte, place, quad};
+use crate::reference::scenes::{add_material, add_mesh, add_texture, empty, instance, matte, place, quad};
 use crate::reference::ztest::Estimate;
 use crate::reference::{Emitters, Reference};
 
@@ -17,9 +15,7 @@ const BLACK: glam::Vec4 = vec4(0.0, 0.0, 0.0, 1.0);
 
 /// Adds a texture with the same texel everywhere.
 fn flat_texture(scene: &mut Scene, code: [u8; 4]) -> Option<TextureRef> {
-    let image = add_image(scene, Image::filled(Extent::new(1, 1), code));
-    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: true });
-    Some(TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY })
+    Some(add_texture(scene, Image::filled(Extent::new(1, 1), code), true))
 }
 
 /// Returns a mesh in the plane y = 0 that faces up, with tangents along +x.

@@ -6,8 +6,10 @@
 use diptych::scene::{AlphaMode, Clearcoat, Light, LightKind, Material, Mesh, NormalMap, Scene, Volume};
 use glam::{Affine3A, Vec3, vec2, vec3, vec4};
 
-use super::studio::{Pictures, add_balls, add_panels, camera, dielectric, glass, metal, second, studio, turned};
-use super::{add_material, add_matte, add_mesh, block, icosphere, instance, matte, place, place_at, quad, scaled_at};
+use super::studio::{CLEAR, Pictures, add_balls, add_panels, camera, dielectric, glass, metal, second, studio, turned};
+use super::{
+    add_material, add_matte, add_mesh, block, grid, icosphere, instance, matte, place, place_at, quad, scaled_at,
+};
 use crate::reference::Pinhole;
 
 pub type Row = (&'static str, fn(&mut Scene) -> Pinhole);
@@ -97,12 +99,11 @@ pub const ALL: [Row; 16] = [
         camera()
     }),
     ("smooth_thick_glass", |scene| {
-        let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
         add_balls(
             scene,
             [
                 Material { volume: amber(0.5), ..glass(Vec3::ONE, 0.0) },
-                Material { volume: Some(clear), ior: 1.2, ..glass(vec3(0.8, 0.9, 1.0), 0.0) },
+                Material { volume: CLEAR, ior: 1.2, ..glass(vec3(0.8, 0.9, 1.0), 0.0) },
             ],
         )
     }),
@@ -272,10 +273,6 @@ fn bent_sheet(material: usize, has_normals: bool) -> Mesh {
         mesh.uvs[0].push(vec2(2.0 * s.abs() + 0.4 * t, 1.0 - 0.5 * t * (1.0 + t)));
         mesh.uvs[1].push(vec2(t, 1.5 * s.abs() + 0.2 * t));
     }
-    let at = |row: u32, column: u32| row * (COLUMNS + 1) + column;
-    for (row, column) in (0..ROWS).flat_map(|row| (0..COLUMNS).map(move |column| (row, column))) {
-        let [a, b, c, d] = [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
-        mesh.triangles.extend([[a, b, c], [a, c, d]]);
-    }
+    mesh.triangles = grid(COLUMNS, ROWS);
     mesh
 }

@@ -8,8 +8,8 @@ pub mod moving;
 pub mod pictures;
 pub mod studio;
 
-use diptych::scene::{Instance, Material, Mesh, Scene, TexelImage};
-use glam::{Affine3A, Quat, Vec3, vec3};
+use diptych::scene::{Instance, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
+use glam::{Affine2, Affine3A, Quat, Vec3, vec3};
 
 use super::Pinhole;
 pub use pictures::{checker, sky};
@@ -38,6 +38,13 @@ pub fn add_matte(scene: &mut Scene, albedo: Vec3) -> usize {
 pub fn add_image(scene: &mut Scene, image: TexelImage) -> usize {
     scene.images.push(image.into());
     scene.images.len() - 1
+}
+
+/// Adds a repeating texture on the first coordinate set.
+pub fn add_texture(scene: &mut Scene, image: TexelImage, linear: bool) -> TextureRef {
+    let image = add_image(scene, image);
+    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear });
+    TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY }
 }
 
 pub fn add_mesh(scene: &mut Scene, mesh: Mesh) -> usize {
@@ -97,6 +104,17 @@ pub fn append(mesh: &mut Mesh, part: Mesh) {
     let first = mesh.positions.len() as u32;
     mesh.positions.extend(part.positions);
     mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first)));
+}
+
+/// Returns the triangles of a grid of vertices in row-major order, columns to the right and rows up.
+fn grid(columns: u32, rows: u32) -> Vec<[u32; 3]> {
+    let at = |row: u32, column: u32| row * (columns + 1) + column;
+    let quads = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
+    let split = |(row, column): (u32, u32)| {
+        let [a, b, c, d] = [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
+        [[a, b, c], [a, c, d]]
+    };
+    quads.flat_map(split).collect()
 }
 
 /// Returns a sphere of 20 · 4^`levels` triangles that faces outwards; its corners lie on the unit sphere.

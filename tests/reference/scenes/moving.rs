@@ -7,8 +7,8 @@ use diptych::scene::motion::keys::{Interpolation, Keys};
 use diptych::scene::motion::{
     Animation, Attached, Body, Channel, Emitter, Influence, Morph, Motion, Node, Placement, Skin, Target,
 };
-use diptych::scene::{Environment, Light, LightKind, NormalMap, Texture, TextureRef, Wrap};
-use glam::{Affine2, DQuat, DVec3, Vec2, vec4};
+use diptych::scene::{Environment, Light, LightKind, NormalMap};
+use glam::{DQuat, DVec3, Vec2, vec4};
 
 use super::*;
 
@@ -93,9 +93,7 @@ pub fn camera() -> Pinhole {
 
 /// Adds a material with a flat normal map, so that meshes get tangents.
 pub fn add_mapped(scene: &mut Scene, albedo: Vec3) -> usize {
-    let image = add_image(scene, Image::filled(Extent::new(2, 2), [128, 128, 255, 255]));
-    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: false });
-    let texture = TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY };
+    let texture = add_texture(scene, Image::filled(Extent::new(2, 2), [128, 128, 255, 255]), false);
     let normal_map = Some(NormalMap { texture, scale: 1.0 });
     add_material(scene, Material { base_color: albedo.extend(1.0), normal_map, ..matte() })
 }
@@ -122,19 +120,8 @@ pub fn tube(sides: usize, rings: usize, material: usize) -> Mesh {
         }
         mesh.influences.push(influence);
     }
-    mesh.triangles = grid(sides, rings);
+    mesh.triangles = grid(sides as u32, rings as u32);
     mesh
-}
-
-/// Returns the triangles of a grid of vertices in row-major order, columns to the right and rows up.
-fn grid(columns: usize, rows: usize) -> Vec<[u32; 3]> {
-    let at = |row: usize, column: usize| (row * (columns + 1) + column) as u32;
-    let quads = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
-    let split = |(row, column): (usize, usize)| {
-        let [a, b, c, d] = [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
-        [[a, b, c], [a, c, d]]
-    };
-    quads.flat_map(split).collect()
 }
 
 /// Adds a swinging tube at `at`, mirrored by a negative `scale`.
@@ -169,7 +156,7 @@ pub fn patch(cells: usize, material: usize) -> Mesh {
         bulge.tangents.push(vec3(1.0, 0.0, dx).normalize() - Vec3::X);
         shear.positions.push(vec3(0.4 * y, 0.0, 0.1 * y));
     }
-    mesh.triangles = grid(cells, cells);
+    mesh.triangles = grid(cells as u32, cells as u32);
     mesh.morphs = vec![bulge, shear];
     mesh
 }

@@ -1,14 +1,18 @@
 //! A studio for materials: a floor, a large lamp, a uniform sky, and objects of one material.
 
 use diptych::image::Extent;
-use diptych::scene::{Environment, Material, Mesh, NormalMap, Scene, Texture, TextureRef, Wrap};
+use diptych::scene::{Environment, Material, Mesh, NormalMap, Scene, TextureRef, Volume};
 use glam::{Affine2, Affine3A, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::pictures::{checker, steps, waves};
 use super::{
-    add_image, add_material, add_mesh, add_quad, colored, empty, icosphere, instance, matte, place_at, quad, scaled_at,
+    add_material, add_mesh, add_quad, add_texture, colored, empty, icosphere, instance, matte, place_at, quad,
+    scaled_at,
 };
 use crate::reference::Pinhole;
+
+/// A volume without attenuation, which makes glass solid.
+pub const CLEAR: Option<Volume> = Some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY });
 
 /// Returns an empty floor under a uniform sky.
 pub fn ground(name: &str) -> Scene {
@@ -96,11 +100,7 @@ pub struct Pictures {
 impl Pictures {
     /// Adds the textures. All repeat, are bilinear, and use coordinate set 0.
     pub fn add(scene: &mut Scene) -> Self {
-        let mut add = |image| {
-            let image = add_image(scene, image);
-            scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: true });
-            TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY }
-        };
+        let mut add = |image| add_texture(scene, image, true);
         Self {
             checker: add(checker(Extent::new(7, 5))),
             waves: add(waves(Extent::new(8, 8))),
