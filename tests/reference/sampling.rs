@@ -70,6 +70,12 @@ impl Rng {
         unit_from_bits(point.step.wrapping_mul(*generator).wrapping_add(shift))
     }
 
+    /// Returns a normal deviate by Box & Muller (1958).
+    pub fn normal(&mut self) -> f64 {
+        let (radius, angle) = ((-2.0 * (1.0 - self.uniform()).ln()).sqrt(), TAU * self.uniform());
+        radius * angle.cos()
+    }
+
     pub fn uniforms<const N: usize>(&mut self) -> [f64; N] {
         std::array::from_fn(|_| self.uniform())
     }

@@ -113,16 +113,9 @@ impl Estimate {
 /// Estimates from K >= 2 renders with independent pixels that differ only in the seed: their mean, and its variance
 /// from their spread.
 pub fn mean_and_variance(renders: &[RgbImage]) -> Estimate {
-    assert!(renders.len() >= 2, "a variance needs two renders or more");
-    let extent = renders[0].extent;
-    let mut pixels = vec![Moments::default(); extent.area()];
-    for render in renders {
-        assert_eq!(render.extent, extent, "renders differ in size");
-        for (moments, value) in pixels.iter_mut().zip(&render.pixels) {
-            moments.add(value.map(f64::from));
-        }
-    }
-    Estimate::from_moments(extent, &pixels)
+    let values = |render: &RgbImage| render.pixels.iter().map(|pixel| pixel.map(f64::from)).collect();
+    let estimate = Estimate::from_renders(renders[0].extent, renders.iter().map(values).collect());
+    Estimate { renders: Vec::new(), ..estimate }
 }
 
 #[derive(Clone, Copy)]

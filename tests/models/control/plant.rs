@@ -6,6 +6,8 @@ use std::collections::VecDeque;
 use diptych::control::{Budget, Control, Controller, Decision, Ladder, Measure, Origin, Rung};
 use diptych::quality::Quality;
 
+use crate::reference::sampling::Rng;
+
 pub const LO_MS: f64 = 11.0;
 pub const HI_MS: f64 = 20.0;
 
@@ -63,7 +65,7 @@ impl<'a> Plant<'a> {
     }
 
     pub fn run_with(&self, mut controller: Controller, frames: usize) -> Run {
-        let mut random = Random(self.seed);
+        let mut random = Rng::new(self.seed, 0);
         let (mut steps, mut in_flight) = (Vec::new(), VecDeque::new());
         let believed_ms = self.believed_ms.unwrap_or(self.times_ms);
         let mut load = Load::default();
@@ -130,24 +132,5 @@ impl Run {
     pub fn share_from(&self, begin: usize, is_so: impl Fn(&Step) -> bool) -> f64 {
         let frames = &self.0[begin..];
         frames.iter().filter(|s| is_so(s)).count() as f64 / frames.len() as f64
-    }
-}
-
-/// SplitMix64 (Steele, Lea & Flood 2014).
-pub struct Random(pub u64);
-
-impl Random {
-    /// Returns a number with 0 < value < 1.
-    pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (((z ^ z >> 31) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
-    }
-
-    /// Returns a normal deviate by Box & Muller (1958).
-    fn normal(&mut self) -> f64 {
-        let (radius, angle) = ((-2.0 * self.uniform().ln()).sqrt(), std::f64::consts::TAU * self.uniform());
-        radius * angle.cos()
     }
 }

@@ -8,8 +8,8 @@ use diptych::graph::{Assignment, FrameGraph, Stripes};
 use diptych::passes::Declarations;
 use diptych::schedule::{CostModel, simulate_at};
 
-use super::plant::Random;
 use super::recorded::{Recording, Sample};
+use crate::reference::sampling::Rng;
 
 /// A change from one frame on. It holds until the next one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,7 +60,7 @@ impl Replay<'_> {
         let rungs = recording.ladder.rungs();
         let graphs: Vec<Arc<FrameGraph>> = (0..rungs.len()).map(|rung| graph(recording, rung)).collect();
         let mut model = CostModel::new(&graphs[0].program, recording.spec(0).devices);
-        let mut random = Random(self.seed);
+        let mut random = Rng::new(self.seed, 0);
         let mut places = Places::new(recording);
         let mut steps = Vec::with_capacity(frames);
         let mut disturbance = Disturbance::None;
@@ -123,7 +123,7 @@ impl Places {
         Self { turn: recording.turn, repeats: recording.repeats(), frames: recording.frames(), repeat: 0, frame: 0 }
     }
 
-    fn next(&mut self, random: &mut Random) -> (usize, usize) {
+    fn next(&mut self, random: &mut Rng) -> (usize, usize) {
         if (self.frame % self.frames).is_multiple_of(self.turn) {
             self.repeat = (random.uniform() * self.repeats as f64) as usize % self.repeats;
         }
