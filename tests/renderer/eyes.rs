@@ -2,6 +2,7 @@
 //! directly.
 
 use crate::common::{Stage, Subject, foveate, is_thorough, project, sampled, still_rig};
+use crate::pictures::distances;
 use diptych::RunConfig;
 use diptych::frame::Foveation;
 use diptych::image::display::display_value;
@@ -138,15 +139,6 @@ pub fn gaze() -> [Gaze; 2] {
     GAZE.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] })
 }
 
-/// Returns the distance of each pixel of an eye's image from its gaze, in pixels.
-fn from_gaze(eye: Eye, extent: Extent) -> Vec<f64> {
-    let [x, y] = GAZE[eye.index()];
-    let centre = |i: u32| [f64::from(i % extent.width) + 0.5, f64::from(i / extent.width) + 0.5];
-    let off =
-        |[column, row]: [f64; 2]| f64::hypot(column - x * f64::from(extent.width), row - y * f64::from(extent.height));
-    (0..extent.area() as u32).map(|i| off(centre(i))).collect()
-}
-
 const LOG_POLAR: PolarSpace = PolarSpace::Log(LogPolar::COMPOSITE);
 
 /// Each eye is sampled fully around its own gaze and less in the periphery, although the layers are defined in the
@@ -164,7 +156,8 @@ fn foveation_layers_follow_the_gaze_of_each_eye() {
     for (eye, sampled) in Eye::BOTH.into_iter().zip([&sampled.left()[0], &sampled.right()[0]]) {
         let ([inner, outer], _) = foveation.circles(GAZE[eye.index()], extent);
         let share = |is_counted: &dyn Fn(f64) -> bool| {
-            let counted = from_gaze(eye, extent).into_iter().zip(sampled).filter(|(off, _)| is_counted(*off));
+            let counted =
+                distances(GAZE[eye.index()], extent).into_iter().zip(sampled).filter(|(off, _)| is_counted(*off));
             let (pixels, sum) = counted.fold((0.0, 0.0), |(n, sum), (_, spp)| (n + 1.0, sum + f64::from(*spp)));
             sum / pixels
         };
@@ -212,7 +205,7 @@ fn polar_images_are_sharp_at_the_gaze_of_each_eye() {
         let [whole, found] = [None, Some(space)].map(render);
         [(Eye::LEFT, [whole.left(), found.left()]), (Eye::RIGHT, [whole.right(), found.right()])].map(
             |(eye, images)| {
-                let off = from_gaze(eye, size);
+                let off = distances(GAZE[eye.index()], size);
                 [difference(images, |i| off[i] < 10.0), difference(images, |i| off[i] > 40.0)]
             },
         )

@@ -1,10 +1,10 @@
 //! Foveated layers: which pixels are sampled, and that nothing else changes.
 
 use crate::common::{Frame, Stage, Subject, foveate, project, sampled, with};
-use crate::pictures::{eyes, mean};
+use crate::pictures::{distances, mean};
 use diptych::RunConfig;
 use diptych::frame::Foveation;
-use diptych::image::RgbImage;
+use diptych::image::{Extent, RgbImage};
 use diptych::passes::Aov;
 use diptych::projection::{LogPolar, PolarSpace};
 use diptych::quality::{Denoiser, Filter};
@@ -12,6 +12,7 @@ use diptych::scene::shot::Gaze;
 
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = 96;
+const EXTENT: Extent = Extent::new(WIDTH, HEIGHT);
 
 fn towards(x: f64, y: f64) -> [Gaze; 2] {
     [x, 1.0 - x].map(|x| Gaze { path: vec![[0.0, x, y]] })
@@ -22,14 +23,6 @@ fn settings(subject: &Subject, gaze: [Gaze; 2], foveation: Foveation, iterations
     settings.buffers.aovs = vec![Aov::Spp];
     foveate(&mut settings, gaze, foveation, iterations);
     settings
-}
-
-/// Returns the distance of each pixel's centre from an eye's gaze, in pixels.
-fn distances(gaze: &Gaze) -> Vec<f64> {
-    let [x, y] = gaze.at(0.0);
-    let [x, y] = [x * f64::from(WIDTH), y * f64::from(HEIGHT)];
-    let centre = |i: u32| (f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5);
-    (0..WIDTH * HEIGHT).map(|i| f64::hypot(centre(i).0 - x, centre(i).1 - y)).collect()
 }
 
 fn same(a: &RgbImage, b: &RgbImage, i: usize) -> bool {
@@ -49,10 +42,10 @@ fn sampling_mask_has_the_density_of_each_ring() {
         let mut stage = Stage::alone(&subject, &settings(&subject, gaze.clone(), foveation, [0; 3]));
         stage.frame(0);
         let spp = stage.aov(0);
-        for (eye, spp) in eyes(&spp).into_iter().enumerate() {
+        for (eye, spp) in spp.outer().into_iter().enumerate() {
             let [r0, r1] = foveation.radii.map(|r| r * f64::from(WIDTH));
             let mut rings = [(0.0, 0.0, 0.0); RINGS];
-            for (&d, &spp) in distances(&gaze[eye]).iter().zip(&spp[0]) {
+            for (&d, &spp) in distances(gaze[eye].at(0.0), EXTENT).iter().zip(&spp[0]) {
                 let expected = 1.0 - unsampled_fraction * ((d - r0) / (r1 - r0)).clamp(0.0, 1.0);
                 assert!(spp == 0.0 || spp == 1.0);
                 assert!(d >= r0 || spp == 1.0, "a pixel of the inner layer is not sampled");
@@ -80,8 +73,8 @@ fn sampled_pixels_equal_those_without_foveation() {
         let some = stage.frame(0);
         let sampled = stage.aov(0);
         for eye in 0..2 {
-            let mask = &eyes(&sampled)[eye][0];
-            let (a, b) = (eyes(&all.linear)[eye], eyes(&some.linear)[eye]);
+            let mask = &sampled.outer()[eye][0];
+            let (a, b) = (all.linear.outer()[eye], some.linear.outer()[eye]);
             let wrong = (0..mask.len()).filter(|&i| mask[i] > 0.0 && !same(a, b, i)).count();
             assert_eq!(wrong, 0, "{spp} spp: sampled pixels differ");
             let skipped = mask.iter().filter(|m| **m == 0.0).count();
@@ -103,7 +96,7 @@ fn same_bytes_and_rays_if_foveation_skips_no_pixel() {
         let found = Stage::alone(&subject, &foveated).frame(0);
         // Outside the inner layer, reprojection into the right eye may leave pixels to the filter.
         for eye in 0..if reproject { 1 } else { 2 } {
-            let (a, b) = (eyes(&expected.linear)[eye], eyes(&found.linear)[eye]);
+            let (a, b) = (expected.linear.outer()[eye], found.linear.outer()[eye]);
             assert!(is_same(a, b), "{spp} spp, eye {eye}");
             // A pixel that is listed twice would have twice the rays.
             let rays = |f: &Frame| f.report.row_tallies[eye].iter().map(|r| r.rays).collect::<Vec<_>>();
@@ -133,7 +126,7 @@ fn render_scale_samples_its_square_and_keeps_mean() {
             // Samples are stratified, except at silhouettes, which are always sampled.
             assert!(share > scale * scale - 0.01 && share < scale * scale + 0.05, "{filter:?} {scale}: {share}");
             let (last, whole) = (&frames[7].linear, &full[7].linear);
-            for (found, expected) in eyes(last).into_iter().zip(eyes(whole)) {
+            for (found, expected) in last.outer().into_iter().zip(whole.outer()) {
                 let ratio = mean(found) / mean(expected);
                 assert!((ratio - 1.0).abs() < 0.03, "{filter:?} {scale}: the mean changes by {ratio}");
             }
@@ -154,7 +147,7 @@ fn narrow_visual_polar_images_match_perspective_ones() {
         for (x, y) in [(0.5, 0.5), (0.2, 0.3), (1.0, 0.9)] {
             project(&mut settings, towards(x, y), PolarSpace::Visual);
             let found = Stage::alone(&subject, &settings).frame(0);
-            for (found, expected) in eyes(&found.linear).into_iter().zip(eyes(&expected.linear)) {
+            for (found, expected) in found.linear.outer().into_iter().zip(expected.linear.outer()) {
                 let [found, expected] = [found, expected].map(|image| block_means(image, BLOCK));
                 let off: f64 = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).sum();
                 let off = off / expected.iter().sum::<f64>();
@@ -187,7 +180,7 @@ fn same_bytes_at_full_scale_if_smaller_are_allowed() {
             (0..3).map(|i| stage.frame(i).linear).collect::<Vec<_>>()
         };
         for (plain, sparse) in render(false).iter().zip(&render(true)) {
-            eyes(plain).into_iter().zip(eyes(sparse)).for_each(|(a, b)| assert!(is_same(a, b), "{filter:?}"));
+            plain.outer().into_iter().zip(sparse.outer()).for_each(|(a, b)| assert!(is_same(a, b), "{filter:?}"));
         }
     }
 }
@@ -199,14 +192,14 @@ fn denoiser_fills_unsampled_pixels_without_nan() {
         for unsampled_fraction in [0.5, 1.0] {
             let foveation = Foveation { unsampled_fraction, ..Default::default() };
             let mut foveated = settings(&subject, gaze.clone(), foveation, [2, 3, 5]);
-            let distances = distances(&gaze[0]);
+            let distances = distances(gaze[0].at(0.0), EXTENT);
             foveated.buffers.reproject = true;
             let plain = with(foveated.clone(), |config| config.envelope.most.fovea = None);
             let all = Stage::alone(&subject, &plain).frame(0).linear;
             let mut stage = Stage::alone(&subject, &foveated);
             let found = stage.frame(0).linear;
             for eye in 0..2 {
-                assert!(eyes(&found)[eye].pixels.iter().flatten().all(|c| c.is_finite()));
+                assert!(found.outer()[eye].pixels.iter().flatten().all(|c| c.is_finite()));
             }
             // If the outer layer is not sampled at all, light reaches only as far as the filter.
             let reach = if unsampled_fraction < 1.0 { f64::INFINITY } else { 0.3 * f64::from(WIDTH) };
@@ -274,18 +267,14 @@ fn polar_images_match_perspective_with_fewer_rays() {
     let spaces = [PolarSpace::Visual, PolarSpace::Log(LogPolar::COMPOSITE), PolarSpace::Log(LogPolar::PRESETS[1].1)];
     let rendered = spaces.map(|space| (space, render(Some(space))));
     for (space, (found, found_places), eye) in rendered.iter().flat_map(|(s, of)| [(s, of, 0), (s, of, 1)]) {
-        let (a, b) = (eyes(&expected.linear)[eye], eyes(&found.linear)[eye]);
-        let gaze = [0.4, 0.6][eye] * f64::from(WIDTH);
-        let distance = |i: usize| {
-            let (x, y) = ((i as u32 % WIDTH) as f64 + 0.5, (i as u32 / WIDTH) as f64 + 0.5);
-            f64::hypot(x - gaze, y - 0.6 * f64::from(HEIGHT))
-        };
+        let (a, b) = (expected.linear.outer()[eye], found.linear.outer()[eye]);
+        let distances = distances([[0.4, 0.6][eye], 0.6], EXTENT);
         for (what, radius) in [("around the gaze", 12.0), ("everywhere", 1e3)] {
-            let [a, b] = [a, b].map(|image| mean_of(image, |i| distance(i) < radius));
+            let [a, b] = [a, b].map(|image| mean_of(image, |i| distances[i] < radius));
             assert!((b / a - 1.0).abs() < 0.03, "{space}, eye {eye}, {what}: {b} instead of {a}");
         }
         // Auxiliary images show the nearest pixel.
-        let [a, b] = [&places, found_places].map(|places| eyes(places)[eye]);
+        let [a, b] = [&places, found_places].map(|places| places.outer()[eye]);
         let apart = |i: usize| (0..3).map(|c| (a[c][i] - b[c][i]).abs()).fold(0.0, f32::max);
         let near = (0..a[0].len()).filter(|&i| apart(i) < 0.15).count();
         assert!(near * 10 > a[0].len() * 9, "{space}, eye {eye}: {near} of {} places are near", a[0].len());

@@ -1,7 +1,7 @@
 //! The auxiliary image `history`: how many frames the denoiser accumulated in each pixel.
 
 use crate::common::{Stage, Subject, still_rig, with};
-use crate::reference::scenes::{add_matte, empty, place, quad};
+use crate::pictures::board_before_wall;
 use crate::same_bytes::assert_same;
 use diptych::exec::PerView;
 use diptych::passes::Aov;
@@ -24,11 +24,7 @@ const BASELINE: f64 = 0.1875;
 
 /// Returns a lit board before a lit wall.
 fn board() -> Subject {
-    let mut scene = empty("board before a wall");
-    let grey = add_matte(&mut scene, Vec3::splat(0.5));
-    let at = |z: f32, half: f32| quad(Vec3::new(-half, -half, -z), Vec3::X * 2.0 * half, Vec3::Y * 2.0 * half, grey);
-    place(&mut scene, at(BOARD, HALF));
-    place(&mut scene, at(WALL, 40.0));
+    let mut scene = board_before_wall([BOARD, HALF], [WALL, 40.0]);
     scene.environment = scene::Environment::Constant(Vec3::ONE);
     let mut rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
     rig.baseline_m = BASELINE;

@@ -17,7 +17,7 @@ use diptych::quality::{Denoiser, Filter};
 use diptych::scene::motion::Target;
 use diptych::scene::motion::keys::Interpolation;
 use diptych::scene::rig::{Eye, Rig, RigKey, View};
-use diptych::scene::{Clearcoat, Material, Mesh, Scene, Volume};
+use diptych::scene::{Clearcoat, Material, Mesh, Scene};
 use glam::{Affine3A, DQuat, DVec2, DVec3, Vec3, dvec2, vec3};
 
 mod auxiliary;
@@ -103,6 +103,10 @@ fn room(wall: Wall) -> Subject {
     }
     meshes.into_iter().for_each(|mesh| place(&mut scene, mesh));
     subject(&format!("{wall:?}"), scene)
+}
+
+fn solid_glass() -> Material {
+    Material { volume: studio::CLEAR, ..studio::glass(Vec3::ONE, 0.0) }
 }
 
 fn subject(name: &str, scene: Scene) -> Subject {
@@ -354,8 +358,7 @@ pub fn hall_of_mirrors() -> Subject {
     instance(&mut scene, ball, Affine3A::from_translation(vec3(0.0, 5.0, 0.0)));
     let pane = add_material(&mut scene, studio::glass(vec3(0.9, 1.0, 0.9), 0.0));
     place(&mut scene, quad(vec3(-1.6, 0.1, 0.0), vec3(1.2, 0.0, -0.2), 1.2 * Vec3::Y, pane));
-    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
-    let clear = add_material(&mut scene, Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) });
+    let clear = add_material(&mut scene, solid_glass());
     place_at(&mut scene, icosphere(3, true, clear), scaled_at(0.3, vec3(0.6, 0.9, -0.5)));
     let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
     let coated = Material { clearcoat: coat, ..studio::dielectric(vec3(0.3, 0.1, 0.1), 0.5) };

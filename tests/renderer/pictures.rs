@@ -2,10 +2,11 @@
 
 use crate::common::{Subject, still_rig};
 use crate::reference::Pinhole;
-use diptych::exec::PerView;
-use diptych::image::RgbImage;
+use crate::reference::scenes::{add_matte, empty, place, quad};
+use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
-use diptych::scene::rig::Rig;
+use diptych::scene::rig::{Rig, View};
+use glam::{DVec2, DVec3, Vec3, dvec2, vec3};
 
 /// Returns static eyes that both see the image of a camera.
 pub fn rig_of(camera: &Pinhole) -> Rig {
@@ -22,8 +23,31 @@ pub fn seen_apart((scene, camera): (Scene, Pinhole)) -> Subject {
     Subject::new(&scene.name.clone(), scene, rig)
 }
 
-pub fn eyes<T>(both: &PerView<T>) -> [&T; 2] {
-    both.outer()
+/// Returns a grey board that faces the origin and a wall behind it, each with its distance and half its width.
+pub fn board_before_wall(board: [f32; 2], wall: [f32; 2]) -> Scene {
+    let mut scene = empty("board before a wall");
+    let grey = add_matte(&mut scene, Vec3::splat(0.5));
+    for [distance, half] in [board, wall] {
+        place(&mut scene, quad(vec3(-half, -half, -distance), 2.0 * half * Vec3::X, 2.0 * half * Vec3::Y, grey));
+    }
+    scene
+}
+
+/// Returns the distance of each pixel's centre from a point, in pixels. The point is in fractions of the image.
+pub fn distances([x, y]: [f64; 2], extent: Extent) -> Vec<f64> {
+    let [width, height] = [extent.width, extent.height].map(f64::from);
+    let centre = |i: u32| [f64::from(i % extent.width) + 0.5, f64::from(i / extent.width) + 0.5];
+    let off = |[column, row]: [f64; 2]| f64::hypot(column - x * width, row - y * height);
+    (0..extent.area() as u32).map(|i| off(centre(i))).collect()
+}
+
+/// Returns the point of a view's image at which it sees a point, in pixels.
+pub fn seen_at(view: &View, point: DVec3, extent: Extent) -> DVec2 {
+    let along = point - view.origin.as_dvec3();
+    let [right, up, forward] = [view.right, view.up, view.forward].map(|axis| along.dot(axis.as_dvec3()));
+    let [width, height] = [extent.width, extent.height].map(f64::from);
+    let pixels = height / 2.0 / f64::from(view.tan_half_yfov);
+    dvec2(width / 2.0 + pixels * right / forward, height / 2.0 - pixels * up / forward)
 }
 
 /// Returns the mean of all channels of all pixels.

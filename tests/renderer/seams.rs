@@ -1,7 +1,6 @@
 //! Seams between stripes that do not exchange halos: unfiltered, or smoothed.
 
 use crate::common::{Stage, Subject, sampled, with};
-use crate::pictures::eyes;
 use diptych::exec::PerView;
 use diptych::graph::Seam;
 use diptych::image::RgbImage;
@@ -49,7 +48,7 @@ fn jump(image: &RgbImage) -> f64 {
 fn stripes_filtered_apart_differ_only_within_the_halo() {
     for shot in ["builtin:checker", "builtin:atrium"] {
         let images = render(&Subject::load(shot), Seam::None);
-        for (one, three) in eyes(&images.one).into_iter().zip(eyes(&images.three)) {
+        for (one, three) in images.one.outer().into_iter().zip(images.three.outer()) {
             let rows = rows_that_differ(one, three);
             for edge in EDGES {
                 assert!(rows.contains(&(edge - 1)) && rows.contains(&edge), "{shot}: no seam at {edge}: {rows:?}");
@@ -81,7 +80,7 @@ fn seam_filter_reduces_the_jump() {
         let subject = Subject::load(shot);
         let [apart, smoothed] = [Seam::None, Seam::Filter].map(|seam| render(&subject, seam));
         for eye in [0, 1] {
-            let [before, after] = [&apart, &smoothed].map(|images| jump(eyes(&images.three)[eye]));
+            let [before, after] = [&apart, &smoothed].map(|images| jump(images.three.outer()[eye]));
             println!("{shot}, eye {eye}: {before:.4} to {after:.4}");
             assert!(after < 0.9 * before, "{shot}, eye {eye}: the jump went from {before} to {after}");
         }

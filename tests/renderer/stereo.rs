@@ -1,8 +1,8 @@
 //! Two eyes: reprojected pixels look like traced ones, and each eye has its own viewpoint.
 
 use crate::common::{Stage, Subject, is_thorough, sampled, still_rig, with};
-use crate::pictures::seen_apart;
-use crate::reference::scenes::{add_matte, empty, materials, place, quad};
+use crate::pictures::{board_before_wall, seen_apart};
+use crate::reference::scenes::materials;
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use diptych::metrics::compare;
 use diptych::passes::Aov;
@@ -116,11 +116,7 @@ fn middle_of_near(depths: &[f32], width: usize, depth: f32) -> (f64, f64) {
 #[test]
 fn near_object_has_the_expected_disparity() {
     let (width, height) = (160, 90);
-    let mut scene = empty("board before a wall");
-    let grey = add_matte(&mut scene, Vec3::splat(0.5));
-    let at = |z: f32, half: f32| quad(Vec3::new(-half, -half, z), Vec3::X * 2.0 * half, Vec3::Y * 2.0 * half, grey);
-    place(&mut scene, at(-2.0, 0.25));
-    place(&mut scene, at(-40.0, 100.0));
+    let mut scene = board_before_wall([2.0, 0.25], [40.0, 100.0]);
     scene.environment = diptych::scene::Environment::Constant(Vec3::ONE);
     let mut rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
     rig.baseline_m = 0.2;

@@ -1,7 +1,7 @@
 //! Temporal accumulation: frames with history are closer to the reference, keep their energy, and show no ghosts.
 
 use crate::common::{Stage, Subject, is_thorough, still_rig, with, with_outputs};
-use crate::reference::scenes::{add_matte, empty, place, quad};
+use crate::pictures::board_before_wall;
 use diptych::RunConfig;
 use diptych::exec::PerView;
 use diptych::graph::Resource;
@@ -161,12 +161,7 @@ fn history_is_found_across_rows() {
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn disoccluded_wall_has_its_own_light() {
     const STEP: f64 = 0.03;
-    let mut scene = empty("board before a lit wall");
-    let grey = add_matte(&mut scene, Vec3::splat(0.5));
-    let facing_us =
-        |z: f32, half: f32| quad(Vec3::new(-half, -half, z), Vec3::X * 2.0 * half, Vec3::Y * 2.0 * half, grey);
-    place(&mut scene, facing_us(-2.0, 0.4));
-    place(&mut scene, facing_us(-6.0, 20.0));
+    let mut scene = board_before_wall([2.0, 0.4], [6.0, 20.0]);
     let kind = LightKind::Point { position: Vec3::new(0.2, 0.3, -3.5), radius: 0.0 };
     scene.lights.push(Light { kind, strength: Vec3::splat(10.0) });
     let mut rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);

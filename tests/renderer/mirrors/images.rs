@@ -1,6 +1,7 @@
 //! Images of surfaces in mirrors and glass: where they lie, and where the previous frame saw them.
 
 use super::*;
+use crate::pictures::seen_at;
 
 /// What an eye sees in a frame.
 struct Surfaces {
@@ -112,25 +113,12 @@ fn room_with_ball(name: &str, material: Material) -> Subject {
     subject(name, scene)
 }
 
-/// Returns the point of a view's image at which it sees a point, in pixels.
-fn seen_at(view: &View, point: DVec3, extent: Extent) -> DVec2 {
-    let along = point - view.origin.as_dvec3();
-    let [right, up, forward] = [view.right, view.up, view.forward].map(|axis| along.dot(axis.as_dvec3()));
-    let [width, height] = [extent.width, extent.height].map(f64::from);
-    let pixels = height / 2.0 / f64::from(view.tan_half_yfov);
-    dvec2(width / 2.0 + pixels * right / forward, height / 2.0 - pixels * up / forward)
-}
-
 /// The images of surfaces in a mirror ball and in a glass ball lie where the other eye sees the surfaces. A search over
 /// all of its pixels tells where that is.
 #[test]
 fn images_in_balls_match_a_search_in_the_other_eye() {
     const EXTENT: Extent = Extent::new(160, 120);
-    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
-    let balls = [
-        ("mirror ball", studio::metal(Vec3::ONE, 0.0), 0.2, 0.2),
-        ("glass ball", Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) }, 0.064, 1.0),
-    ];
+    let balls = [("mirror ball", studio::metal(Vec3::ONE, 0.0), 0.2, 0.2), ("glass ball", solid_glass(), 0.064, 1.0)];
     for (name, material, baseline_m, most) in balls {
         let mut subject = room_with_ball(name, material);
         subject.rig.baseline_m = baseline_m;
@@ -159,9 +147,8 @@ fn images_in_balls_match_a_search_in_the_other_eye() {
 #[ignore = "renders many pictures: `make test-full` runs it"]
 fn previous_images_in_rolling_balls_match_a_search() {
     const EXTENT: Extent = Extent::new(320, 240);
-    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
-    let glass = Material { volume: Some(clear), ..studio::glass(Vec3::ONE, 0.0) };
-    for (name, material, most) in [("mirror ball", studio::metal(Vec3::ONE, 0.0), 0.6), ("glass ball", glass, 1.4)] {
+    let mirror = studio::metal(Vec3::ONE, 0.0);
+    for (name, material, most) in [("mirror ball", mirror, 0.6), ("glass ball", solid_glass(), 1.4)] {
         let mut draft = Draft::new(name);
         draft.scene = room(Wall::Opening).scene;
         let material = add_material(&mut draft.scene, material);

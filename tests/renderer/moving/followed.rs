@@ -1,55 +1,19 @@
 //! Motion vectors agree with the surface positions in the previous frame, as computed on the host.
 
 use crate::common::{Stage, Subject};
+use crate::pictures::seen_at;
+use crate::reference::intersect::{Geometry, Ray, Triangle};
 use crate::reference::scenes::moving;
+use crate::reference::surface::Surfaces;
 use diptych::image::Extent;
 use diptych::passes::Aov;
-use diptych::scene::rig::{Eye, RigKey, View};
-use diptych::scene::{LightKind, Scene};
+use diptych::scene::LightKind;
+use diptych::scene::rig::RigKey;
 use glam::{DVec2, DVec3, Vec3};
 
 use super::watched;
 
 const EXTENT: Extent = Extent::new(96, 64);
-
-/// Returns the corners of a scene's triangles in world space.
-fn triangles(scene: &Scene) -> Vec<[DVec3; 3]> {
-    let of_instance = |instance: &diptych::scene::Instance| {
-        let mesh = &scene.meshes[instance.mesh];
-        let (linear, shift) =
-            (glam::Mat3::from(instance.world_from_local.matrix3).as_dmat3(), instance.world_from_local);
-        let world = move |p: Vec3| linear * p.as_dvec3() + Vec3::from(shift.translation).as_dvec3();
-        mesh.triangles.iter().map(move |t| t.map(|i| world(mesh.positions[i as usize]))).collect::<Vec<_>>()
-    };
-    scene.instances.iter().flat_map(of_instance).collect()
-}
-
-/// Returns the nearest triangle that a ray hits, with the weights of its corners.
-fn meets(triangles: &[[DVec3; 3]], origin: DVec3, direction: DVec3) -> Option<(usize, [f64; 3])> {
-    let mut nearest = f64::INFINITY;
-    let mut found = None;
-    for (i, [a, b, c]) in triangles.iter().enumerate() {
-        let (e1, e2) = (*b - *a, *c - *a);
-        let p = direction.cross(e2);
-        let det = e1.dot(p);
-        let (s, q) = (origin - *a, (origin - *a).cross(e1));
-        let (u, v, t) = (s.dot(p) / det, direction.dot(q) / det, e2.dot(q) / det);
-        if u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < nearest {
-            (nearest, found) = (t, Some((i, [1.0 - u - v, u, v])));
-        }
-    }
-    found
-}
-
-fn pixel(view: &View, p: DVec3) -> DVec2 {
-    let v = p - view.origin.as_dvec3();
-    let tan = f64::from(view.tan_half_yfov);
-    let size = DVec2::new(EXTENT.width.into(), EXTENT.height.into());
-    let z = v.dot(view.forward.as_dvec3());
-    let x = v.dot(view.right.as_dvec3()) / (z * tan * size.x / size.y);
-    let y = v.dot(view.up.as_dvec3()) / (z * tan);
-    DVec2::new(0.5 + 0.5 * x, 0.5 - 0.5 * y) * size
-}
 
 /// Compares motion vectors. At least `least_moved` pixels must be on dynamic geometry.
 fn hold(subject: &Subject, last_s: f64, now_s: f64, least_moved: usize) {
@@ -57,24 +21,23 @@ fn hold(subject: &Subject, last_s: f64, now_s: f64, least_moved: usize) {
     settings.buffers.aovs = vec![Aov::Motion];
     let mut stage = Stage::alone(subject, &settings);
     stage.frame_at(last_s, 0);
-    let centre = {
-        let frame = stage.frame_at(now_s, 1);
-        DVec2::from(frame.report.pixel_centre.map(f64::from))
-    };
+    let centre = DVec2::from(stage.frame_at(now_s, 1).report.pixel_centre.map(f64::from));
     let motion = stage.aov(0);
-    let [now, last] = [now_s, last_s].map(|time_s| triangles(&subject.scene.at(time_s)));
+    let [now, last] = [now_s, last_s].map(|time_s| Surfaces::new(&subject.scene.at(time_s)).triangles());
+    let now = Geometry::new(now);
     let mut moved = 0;
-    for (eye, planes) in [(Eye::LEFT, motion.left()), (Eye::RIGHT, motion.right())] {
+    for (eye, planes) in motion.with_eyes() {
         let [view, before] = [now_s, last_s].map(|time_s| subject.rig.view(time_s, eye));
         let mut wrong = Vec::new();
         for (at, (dx, dy)) in planes[0].iter().zip(&planes[1]).enumerate() {
             let (x, y) = (at as u32 % EXTENT.width, at as u32 / EXTENT.width);
             let through = DVec2::new(x.into(), y.into()) + centre;
-            let direction = view.ray_direction(through.x, through.y, EXTENT);
-            let Some((triangle, weights)) = meets(&now, view.origin.as_dvec3(), direction) else { continue };
-            let point = |corners: &[DVec3; 3]| corners.iter().zip(weights).map(|(c, w)| *c * w).sum::<DVec3>();
-            let (is, was) = (point(&now[triangle]), point(&last[triangle]));
-            let expected = pixel(&before, was) - through;
+            let (origin, direction) = (view.origin.as_dvec3(), view.ray_direction(through.x, through.y, EXTENT));
+            let ray = Ray { origin, direction };
+            let Some(hit) = now.closest(&ray, f64::INFINITY, None, |_, _| true) else { continue };
+            let point = |of: &Triangle| of.vertices.iter().zip(hit.weights).map(|(c, w)| *c * w).sum::<DVec3>();
+            let [is, was] = [&now.triangles, &last].map(|triangles| point(&triangles[hit.triangle]));
+            let expected = seen_at(&before, was, EXTENT) - through;
             let found = DVec2::new((*dx).into(), (*dy).into());
             moved += usize::from(is.distance(was) > 1e-3);
             if found.distance(expected) > 0.01 + 0.002 * expected.length() {

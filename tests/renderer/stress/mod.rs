@@ -6,7 +6,7 @@ mod rows;
 mod surfaces;
 
 use crate::common::{Stage, Subject, foveate, is_thorough, sampled};
-use crate::pictures::{brightest, eyes, mean, rig_of};
+use crate::pictures::{brightest, mean, rig_of};
 use crate::reference::Pinhole;
 use diptych::frame::{Foveation, Sampler};
 use diptych::image::RgbImage;
@@ -37,14 +37,13 @@ impl Effort {
 /// A scene, its camera, and a claim about its image, which must also be finite.
 struct Row {
     name: &'static str,
-    scene: Scene,
-    camera: Pinhole,
+    seen: (Scene, Pinhole),
     effort: Effort,
     claim: Box<dyn Fn(&RgbImage)>,
 }
 
 /// Returns a scene seen by its camera in both eyes.
-fn subject(name: &str, scene: Scene, camera: Pinhole) -> Subject {
+fn subject(name: &str, (scene, camera): (Scene, Pinhole)) -> Subject {
     Subject::new(name, scene, rig_of(&camera))
 }
 
@@ -67,9 +66,8 @@ fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> 
     images
 }
 
-fn image(name: &str, scene: Scene, camera: Pinhole, effort: Effort) -> RgbImage {
-    let subject = subject(name, scene, camera);
-    let mut effort = effort;
+fn image(name: &str, seen: (Scene, Pinhole), mut effort: Effort) -> RgbImage {
+    let subject = subject(name, seen);
     if !is_thorough() {
         effort.spp = effort.spp.min(MOST_SPP);
     }
@@ -77,7 +75,7 @@ fn image(name: &str, scene: Scene, camera: Pinhole, effort: Effort) -> RgbImage 
 }
 
 fn hold(row: Row) {
-    let image = image(row.name, row.scene, row.camera, row.effort);
+    let image = image(row.name, row.seen, row.effort);
     println!("{:40} mean {:.6e}, brightest {:.6e}", row.name, mean(&image), brightest(&image));
     (row.claim)(&image);
 }
@@ -91,7 +89,7 @@ fn every_sample_of_every_row_is_finite() {
 #[test]
 fn every_row_is_finite_through_history_and_filters() {
     for row in sampled(rows::all(), 24) {
-        let subject = subject(row.name, row.scene, row.camera);
+        let subject = subject(row.name, row.seen);
         let [width, height] = row.effort.size;
         let mut settings = subject.accumulated(width, height);
         settings.envelope.most.bounces = row.effort.bounces;
@@ -101,7 +99,7 @@ fn every_row_is_finite_through_history_and_filters() {
         let mut stage = Stage::alone(&subject, &settings);
         for frame in 0..3 {
             let linear = stage.frame(frame).linear;
-            eyes(&linear).into_iter().for_each(|eye| assert_radiance(eye, row.name));
+            linear.outer().into_iter().for_each(|eye| assert_radiance(eye, row.name));
         }
     }
 }
@@ -110,8 +108,7 @@ fn every_row_is_finite_through_history_and_filters() {
 #[test]
 fn terminated_rays_are_counted() {
     for count in [1000, 5000, 100_000] {
-        let (scene, camera) = rows::layers(count, AlphaMode::Blend);
-        let subject = subject(&format!("{count} layers"), scene, camera);
+        let subject = subject(&format!("{count} layers"), rows::layers(count, AlphaMode::Blend));
         for spp in [1, 8] {
             let mut settings = subject.settings(8, 8);
             settings.envelope.most.spp = spp.into();
@@ -128,8 +125,7 @@ fn terminated_rays_are_counted() {
 /// Light that is finite in each sample may overflow in a sum, in a division by albedo, or with a surface's emission.
 #[test]
 fn overflowing_light_is_dropped_and_counted() {
-    let (scene, camera) = rows::too_bright();
-    let subject = subject("too bright", scene, camera);
+    let subject = subject("too bright", rows::too_bright());
     let [plain, denoised, accumulated] = [Subject::settings, Subject::denoised, Subject::accumulated];
     for (name, settings) in [("plain", plain), ("denoised", denoised), ("accumulated", accumulated)] {
         for (spp, gloss) in sampled([(1, true), (1, false), (4, true)], 2) {
@@ -141,7 +137,7 @@ fn overflowing_light_is_dropped_and_counted() {
                 let frame = stage.frame_with_drops(frame);
                 let dropped: Vec<u64> = frame.report.tallies.iter().map(|tally| tally.nonfinite).collect();
                 println!("{name}, {spp} samples, gloss {gloss}: {dropped:?} dropped");
-                eyes(&frame.linear).into_iter().for_each(|eye| assert_radiance(eye, name));
+                frame.linear.outer().into_iter().for_each(|eye| assert_radiance(eye, name));
                 assert!(dropped.iter().sum::<u64>() > 0, "{name}, {spp} samples, gloss {gloss}: nothing was counted");
             }
         }
@@ -153,6 +149,6 @@ fn overflowing_light_is_dropped_and_counted() {
 fn every_one_of_many_samples_is_finite() {
     for row in rows::all() {
         let effort = Effort { spp: row.effort.spp.max(256), seed: 77, ..row.effort };
-        renders(&subject(row.name, row.scene, row.camera), effort, Sampler::Sobol, 1);
+        renders(&subject(row.name, row.seen), effort, Sampler::Sobol, 1);
     }
 }

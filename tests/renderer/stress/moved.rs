@@ -53,18 +53,14 @@ fn room(scale: f32, offset: Vec3) -> (Scene, Pinhole) {
 }
 
 fn many(scale: f32, offset: Vec3) -> Vec<RgbImage> {
-    let (scene, camera) = room(scale, offset);
     let effort = Effort { seed: 9 + offset.x.to_bits() % 1000, ..Effort::new(96, 3) };
-    renders(&subject(&format!("room x {scale} at {offset}"), scene, camera), effort, Sampler::Pcg, 4)
+    renders(&subject(&format!("room x {scale} at {offset}"), room(scale, offset)), effort, Sampler::Pcg, 4)
 }
 
 /// Halving is exact, and so is everything that follows: no bit of the image depends on the unit of length.
 #[test]
 fn same_bytes_when_scaled_by_a_power_of_two() {
-    let render = |scale| {
-        let (scene, camera) = room(scale, Vec3::ZERO);
-        image("room", scene, camera, Effort::new(64, 6))
-    };
+    let render = |scale| image("room", room(scale, Vec3::ZERO), Effort::new(64, 6));
     let right = render(1.0);
     for scale in [1.0 / 1024.0, 1024.0 * 1024.0] {
         let found = render(scale);

@@ -3,8 +3,8 @@
 use std::f32::consts::PI;
 
 use diptych::image::{Extent, Image, RgbImage};
-use diptych::scene::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene, Texture, TextureRef, Wrap};
-use glam::{Affine2, Affine3A, Vec2, Vec3, vec2, vec3, vec4};
+use diptych::scene::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
+use glam::{Affine3A, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::{Effort, Row, image, surfaces};
 use crate::pictures::{brightest, mean};
@@ -12,7 +12,7 @@ use crate::reference::Pinhole;
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::matte::{box_area_light, sphere_light};
 use crate::reference::scenes::{
-    add_image, add_material, add_matte, add_mesh, add_quad, block, colored, empty, icosphere, instance, matte, place,
+    add_material, add_matte, add_mesh, add_quad, add_texture, block, colored, empty, icosphere, instance, matte, place,
     place_at, quad, scaled_at,
 };
 
@@ -27,8 +27,8 @@ pub fn all() -> Vec<Row> {
     [lights(), materials(), surfaces::rows(), geometry(), cameras(), surroundings()].into_iter().flatten().collect()
 }
 
-pub fn row(name: &'static str, (scene, camera): (Scene, Pinhole), effort: Effort, claim: Claim) -> Row {
-    Row { name, scene, camera, effort, claim }
+pub fn row(name: &'static str, seen: (Scene, Pinhole), effort: Effort, claim: Claim) -> Row {
+    Row { name, seen, effort, claim }
 }
 
 /// Returns a claim without conditions beyond those of every row.
@@ -74,27 +74,19 @@ fn point(position: Vec3, radius: f32, strength: f32) -> Light {
     Light { kind: LightKind::Point { position, radius }, strength: Vec3::splat(strength) }
 }
 
-/// Returns a grey floor of 8 x 8 around the origin, seen from the front.
-fn floor(name: &str) -> (Scene, Pinhole) {
+/// Returns a grey floor of 8 x 8 around the origin, seen from the front, with additions by `more`.
+fn floor_with(name: &str, more: impl FnOnce(&mut Scene)) -> (Scene, Pinhole) {
     let mut scene = empty(name);
     add_quad(&mut scene, (vec3(-4.0, 0.0, -4.0), 8.0 * Vec3::Z, 8.0 * Vec3::X), colored(Vec3::splat(0.5)));
-    (scene, Pinhole::looking_at(vec3(0.0, 1.5, 4.0), vec3(0.0, 0.25, 0.0), Vec3::Y, 45.0))
-}
-
-fn floor_with(name: &str, more: impl FnOnce(&mut Scene)) -> (Scene, Pinhole) {
-    let (mut scene, camera) = floor(name);
     more(&mut scene);
-    (scene, camera)
+    (scene, Pinhole::looking_at(vec3(0.0, 1.5, 4.0), vec3(0.0, 0.25, 0.0), Vec3::Y, 45.0))
 }
 
 fn lights() -> Vec<Row> {
     let of_radius = |radius| floor_with("small light", |s| s.lights.push(point(vec3(0.3, 1.0, 0.2), radius, 1.0)));
-    let as_point = |effort| {
-        let (scene, camera) = of_radius(0.0);
-        image("point light", scene, camera, effort)
-    };
+    let as_point = |effort| image("point light", of_radius(0.0), effort);
     let (mut bright, camera) = box_area_light();
-    let mild = image("mild lamp", bright.clone(), camera, FULL);
+    let mild = image("mild lamp", (bright.clone(), camera), FULL);
     let factor = (1u32 << 27) as f32;
     for material in &mut bright.materials {
         material.emissive *= factor;
@@ -142,10 +134,7 @@ fn lights() -> Vec<Row> {
         }
     });
     let bright_point = |radius| floor_with("bright point", |s| s.lights.push(point(vec3(0.3, 1.0, 0.2), radius, 1e12)));
-    let brightest = {
-        let (scene, camera) = bright_point(0.0);
-        image("bright point light", scene, camera, DIRECT)
-    };
+    let brightest = image("bright point light", bright_point(0.0), DIRECT);
     vec![
         row("a light of radius 1e-21", of_radius(1e-21), DIRECT, times(1.0, 0.0, as_point(DIRECT))),
         row("a light of radius 1e-14 and 1e12 W/sr", bright_point(1e-14), DIRECT, times(1.0, 0.0, brightest)),
@@ -218,12 +207,6 @@ fn lit_floor(more: impl FnOnce(&mut Scene)) -> (Scene, Pinhole) {
     })
 }
 
-/// Adds a repeating, bilinear texture.
-pub fn repeating(scene: &mut Scene, image: usize) -> TextureRef {
-    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: true });
-    TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY }
-}
-
 fn soup(corners: &[[Vec3; 3]], material: usize) -> Mesh {
     let triangles = (0..corners.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
     Mesh { positions: corners.concat(), triangles, material, ..Mesh::default() }
@@ -238,10 +221,7 @@ fn needles(height: f32) -> Mesh {
 }
 
 fn geometry() -> Vec<Row> {
-    let plain = || {
-        let (scene, camera) = lit_floor(|_| {});
-        image("lit floor", scene, camera, FULL)
-    };
+    let plain = image("lit floor", lit_floor(|_| {}), FULL);
     let zero_area = lit_floor(|s| {
         let p = vec3(0.1, 0.2, 0.3);
         place(s, soup(&[[p, p, p], [p, p, Vec3::ZERO], [p, 2.0 * p, 3.0 * p]], 0));
@@ -259,17 +239,12 @@ fn geometry() -> Vec<Row> {
             place_at(s, mesh, scaled_at(0.5, vec3(0.0, 0.5, 0.0)));
         })
     };
-    let flat = {
-        let (scene, camera) = lit_floor(|s| {
-            place_at(s, icosphere(2, false, 0), scaled_at(0.5, vec3(0.0, 0.5, 0.0)));
-        });
-        image("flat ball", scene, camera, FULL)
-    };
+    let flat = lit_floor(|s| place_at(s, icosphere(2, false, 0), scaled_at(0.5, vec3(0.0, 0.5, 0.0))));
+    let flat = image("flat ball", flat, FULL);
     let opposite = |i: usize| if i.is_multiple_of(2) { Vec3::Y } else { Vec3::NEG_Y };
     let uvs = |uv: Vec2| {
         let (mut scene, camera) = lit_floor(|_| {});
-        let image = add_image(&mut scene, Image::filled(Extent::new(3, 3), [200, 100, 50, 255]));
-        let texture = repeating(&mut scene, image);
+        let texture = add_texture(&mut scene, Image::filled(Extent::new(3, 3), [200, 100, 50, 255]), true);
         scene.materials[0].base_color_texture = Some(texture);
         scene.meshes[0].uvs[0] = vec![uv, Vec2::ZERO, -uv, Vec2::ONE];
         (scene, camera)
@@ -280,7 +255,7 @@ fn geometry() -> Vec<Row> {
         instance(s, cube, Affine3A::from_scale(Vec3::splat(1e-30)));
     });
     vec![
-        row("triangles without area", zero_area, FULL, times(1.0, 0.0, plain())),
+        row("triangles without area", zero_area, FULL, times(1.0, 0.0, plain)),
         row("needles of 1e-12", lit_floor(|s| place(s, needles(1e-12))), FULL, finite()),
         row("needles of 1e-6", lit_floor(|s| place(s, needles(1e-6))), FULL, finite()),
         row("the same face several times", twice, FULL, finite()),

@@ -4,12 +4,12 @@ use diptych::image::{Extent, Image};
 use diptych::scene::{Clearcoat, Environment, Light, LightKind, Material, NormalMap, Scene, Volume};
 use glam::{Affine3A, Vec3, Vec4, vec3};
 
-use super::rows::{FULL, finite, mean_is, repeating, row};
+use super::rows::{FULL, finite, mean_is, row};
 use super::{Effort, Row};
 use crate::reference::Pinhole;
-use crate::reference::scenes::studio::{add_balls, add_panels, camera, dielectric, glass, metal, studio};
+use crate::reference::scenes::studio::{CLEAR, add_balls, add_panels, camera, dielectric, glass, metal, studio};
 use crate::reference::scenes::{
-    add_image, add_material, add_mesh, block, icosphere, instance, matte, place, place_at, quad, scaled_at,
+    add_material, add_mesh, add_texture, block, icosphere, instance, matte, place, place_at, quad, scaled_at,
 };
 
 const SMOOTHNESSES: [f32; 3] = [0.0, 1e-3, 1.0];
@@ -72,8 +72,7 @@ fn balls<const N: usize>(name: &str, materials: [Material; N]) -> (Scene, Pinhol
 fn furnace(material: Material) -> (Scene, Pinhole) {
     let mut scene =
         Scene { environment: Environment::Constant(Vec3::ONE), ..crate::reference::scenes::empty("furnace") };
-    let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
-    add_balls(&mut scene, [Material { volume: Some(clear), ..material }]);
+    add_balls(&mut scene, [Material { volume: CLEAR, ..material }]);
     (scene, camera())
 }
 
@@ -112,8 +111,8 @@ fn bright<const N: usize>(materials: [Material; N]) -> (Scene, Pinhole) {
 fn mapped(scale: f32, has_tangents: bool) -> (Scene, Pinhole) {
     let mut scene = studio("mapped");
     let panels = [[0, 0, 0, 255], [255; 4], [128, 128, 128, 255]].map(|texel| {
-        let image = add_image(&mut scene, Image::filled(Extent::new(2, 2), texel));
-        let normal_map = Some(NormalMap { texture: repeating(&mut scene, image), scale });
+        let texture = add_texture(&mut scene, Image::filled(Extent::new(2, 2), texel), true);
+        let normal_map = Some(NormalMap { texture, scale });
         let clearcoat = Clearcoat { factor: 0.5, roughness: 0.2, normal_map, ..Clearcoat::default() };
         Material { normal_map, clearcoat, ..metal(GREEN, 0.1) }
     });
