@@ -187,27 +187,26 @@ fn devices_by<K: Ord>(count: usize, key: impl FnMut(&GpuDevice) -> K) -> Vec<Gpu
         let adapter = adapters.filter(|a| a.missing.is_empty()).find(|a| a.ray_queries || !is_hardware);
         assert!(adapter.is_some() || !is_hardware, "DIPTYCH_TRAVERSAL=hardware: no adapter here has ray queries");
         let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
-        let selection = Selection {
-            adapters: Some(vec![adapter.index]),
-            virtual_devices: count - devices.len(),
-            threads_per_device: Some(vec![1]),
-            traversal,
-            ..Selection::default()
-        };
-        devices.extend(open(&selection));
+        devices.extend(open_on(adapter.index, count - devices.len(), traversal));
     }
     devices.iter_mut().enumerate().for_each(|(i, gpu)| gpu.info.index = i);
     devices
 }
 
-fn let_devices_set_environment() {
-    // SAFETY: tests access the environment only through `std::env`, and list adapters only through the library.
-    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
+/// Opens `count` single-threaded devices of an adapter.
+pub fn open_on(adapter: usize, count: usize, traversal: TraversalChoice) -> Vec<GpuDevice> {
+    open(&Selection {
+        adapters: Some(vec![adapter]),
+        virtual_devices: count,
+        threads_per_device: Some(vec![1]),
+        traversal,
+        ..Selection::default()
+    })
 }
 
-/// Opens devices with a number of threads each.
 pub fn open(selection: &Selection) -> Vec<GpuDevice> {
-    let_devices_set_environment();
+    // SAFETY: tests access the environment only through `std::env`, and list adapters only through the library.
+    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
     device::open(selection).unwrap_or_else(|e| panic!("these tests need a device: {e}"))
 }
 

@@ -3,7 +3,8 @@
 use crate::common::{Stage, Subject, is_thorough};
 use crate::pictures::seen;
 use crate::reference::ztest::{Estimate, assert_agrees, mean_and_variance};
-use crate::reference::{Emitters, Pinhole, Reference, scenes};
+use crate::reference::{Pinhole, Reference, scenes};
+use crate::unbiased::pinhole;
 use diptych::frame::Sampler;
 use diptych::image::{Extent, RgbImage};
 use diptych::scene::{Environment, Light, LightKind, Material, Scene};
@@ -62,11 +63,10 @@ fn many_lamps(scale: f32) -> (Scene, Pinhole) {
 fn many_lamps_of_every_kind_are_unbiased() {
     let (scene, camera) = many_lamps(1.0);
     let subject = seen((scene, camera));
-    let view = subject.rig.view(0.0, diptych::scene::rig::Eye::LEFT);
-    let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
-    let reference = Reference::new(&subject.scene).with_emitters(Emitters::Sampled);
+    let camera = pinhole(&subject);
+    let reference = Reference::new(&subject.scene);
     for bounces in if is_thorough() { 1..=3 } else { 3..=3 } {
-        let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 192, bounces - 1, 1);
+        let expected = reference.render(&camera, Extent::new(WIDTH, HEIGHT), 192, bounces - 1, 1);
         let found = rendered(&subject, bounces, 128);
         let what = format!("{bounces} reflections");
         println!("{what}\n{}", assert_agrees(&what, &expected, &found, 0.03));

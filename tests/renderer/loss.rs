@@ -1,13 +1,10 @@
 //! Devices that are lost at any moment, like through their drivers, cause errors and no panic.
 
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::common::{Stage, Subject, devices_to_lose};
-use diptych::accel::Accel;
-use diptych::exec::{ExecError, Renderer};
+use diptych::exec::ExecError;
 use diptych::schedule::Even;
-use diptych::tables::SceneTables;
 
 const WIDTH: u32 = 64;
 const HEIGHT: u32 = 36;
@@ -16,11 +13,9 @@ const HEIGHT: u32 = 36;
 fn rejects_devices_lost_before_the_first_frame() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.accumulated(WIDTH, HEIGHT);
-    let tables = Arc::new(SceneTables::new(&subject.scene, Accel::build(&subject.scene).unwrap()).unwrap());
     let gpus = devices_to_lose(1);
     gpus[0].device.destroy();
-    let policy = Box::new(Even::new(HEIGHT, 1));
-    match Renderer::new(gpus, tables, settings, policy, Instant::now()) {
+    match subject.renderer(gpus, &settings) {
         Err(ExecError::Device { device: 0, what }) => assert!(what.contains("lost"), "{what}"),
         Err(other) => panic!("{other}"),
         Ok(_) => panic!("it has been destroyed"),

@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::common::{Stage, Subject, devices_to_lose, foveate, is_thorough, project};
+use crate::moving::{times_s, watched};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Rows, WIDTH, assert_same_frames};
 use diptych::RunConfig;
@@ -160,10 +161,6 @@ impl Ranks {
     }
 }
 
-fn times_s() -> Vec<f64> {
-    (0..4).map(|i| 0.1 + f64::from(i) * 0.015).collect()
-}
-
 /// Returns subjects with settings and numbers of frames in flight.
 fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'a Subject, RunConfig, usize)> {
     let polar = |space| {
@@ -191,7 +188,7 @@ fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'
 
 #[test]
 fn same_bytes_on_ranks_with_the_traffic_of_the_graph() {
-    let (checker, moving) = (Subject::load("builtin:checker"), super::moving::watched(moving::everything()));
+    let (checker, moving) = (Subject::load("builtin:checker"), watched(moving::everything()));
     let arrangements = if is_thorough() { &[(2, 1), (4, 1), (2, 2)][..] } else { &[(2, 1)] };
     for &(ranks, each) in arrangements {
         let joined = Ranks::new(ranks, &[&checker, &moving]);
@@ -201,10 +198,10 @@ fn same_bytes_on_ranks_with_the_traffic_of_the_graph() {
         for (what, subject, mut settings, in_flight) in cases(&checker, &moving) {
             joined.load(subject).unwrap();
             settings.execution.frames_in_flight = in_flight;
-            let one = Stage::even(subject, &settings, 1).frames_in_flight(&times_s());
+            let one = Stage::even(subject, &settings, 1).frames_in_flight(&times_s()[..4]);
             let policy = Rows::Measured.policy(settings.grid().height, ranks * each);
             let mut stage = Stage::on(devices, subject, &settings, policy);
-            let found = stage.frames_in_flight(&times_s());
+            let found = stage.frames_in_flight(&times_s()[..4]);
             devices = stage.into_all_devices();
             assert_same_frames(&format!("{what} on {ranks} x {each}"), &one, &found);
             expected_bytes += found.iter().filter_map(|f| f.report.bytes_between_ranks()).sum::<u64>();
@@ -220,12 +217,12 @@ fn same_bytes_on_ranks_with_the_traffic_of_the_graph() {
 fn same_bytes_when_another_rank_loses_a_device() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
-    let one = Stage::even(&subject, &settings, 1).frames_in_flight(&times_s());
+    let one = Stage::even(&subject, &settings, 1).frames_in_flight(&times_s()[..4]);
     let joined = Ranks::new(2, &[&subject]);
     joined.load(&subject).unwrap();
     let mut stage = Stage::on(joined.devices(2), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
     stage.inject(&["loss:dev3@frame2"], &[]);
-    let found = stage.frames_in_flight(&times_s());
+    let found = stage.frames_in_flight(&times_s()[..4]);
     let faults: Vec<_> = stage.renderer().faults().iter().map(|fault| (fault.device, fault.frame)).collect();
     assert_eq!(faults, [(3, 2)]);
     assert_same_frames("with a device less", &one, &found);
@@ -234,7 +231,7 @@ fn same_bytes_when_another_rank_loses_a_device() {
 
     let ragged = Rows::Turns(&["1,1,1", "5,1,2", "0,1,1", "1,2,9"]).policy(HEIGHT, 3);
     let mut stage = Stage::on(left, &subject, &settings, ragged);
-    assert_same_frames("on ragged stripes", &one, &stage.frames_in_flight(&times_s()));
+    assert_same_frames("on ragged stripes", &one, &stage.frames_in_flight(&times_s()[..4]));
     drop(stage);
     joined.end();
 }

@@ -1,13 +1,13 @@
 //! Hardware ray queries give the same hits as compute traversal. Without an adapter that supports them, the test only
 //! prints that.
 
-use crate::common::{Stage, Subject};
+use crate::common::{Stage, Subject, open_on};
 use crate::instances;
 use crate::moving::watched;
 use crate::pictures::mean;
 use crate::reference::scenes::moving;
 use diptych::accel::Layout;
-use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
+use diptych::device::{self, GpuDevice, Traversal, TraversalChoice};
 use diptych::exec::ExecError;
 use diptych::image::{Extent, RgbImage};
 use diptych::passes::Aov;
@@ -23,14 +23,7 @@ fn open(traversal: TraversalChoice) -> Option<GpuDevice> {
         eprintln!("\nSKIPPED: no adapter here has ray queries\n");
         return None;
     };
-    let selection = Selection {
-        adapters: Some(vec![able.index]),
-        virtual_devices: 1,
-        threads_per_device: Some(vec![1]),
-        traversal,
-        ..Selection::default()
-    };
-    Some(crate::common::open(&selection).remove(0))
+    Some(open_on(able.index, 1, traversal).remove(0))
 }
 
 /// Image of a subject: light and distance of the left eye's pixels.

@@ -64,7 +64,7 @@ const THOROUGH: Effort =
 const SUN: Effort = Effort { samplers: &[Sampler::Sobol], bounces: &[1], resolution: 0.0007, ..THOROUGH };
 
 /// Returns the left eye of the subject's rig as the reference's camera.
-fn pinhole(subject: &Subject) -> Pinhole {
+pub fn pinhole(subject: &Subject) -> Pinhole {
     let View { origin, right, up, forward, tan_half_yfov, .. } = subject.rig.view(0.0, Eye::LEFT);
     Pinhole { origin, right, up, forward, tan_half_yfov }
 }

@@ -3,6 +3,7 @@
 use crate::common::{Frame, Stage, Subject, with};
 use crate::same_bytes::{Rows, even, every, hold, run};
 use diptych::RunConfig;
+use diptych::exec::PerView;
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::compare;
 use diptych::passes::Aov;
@@ -23,6 +24,15 @@ fn settings(subject: &Subject, reproject: bool) -> RunConfig {
         config.buffers.views = subject.rig.views;
         config.buffers.reproject = reproject;
     })
+}
+
+/// Returns a frame of many samples that is neither reprojected nor denoised.
+fn reference(subject: &Subject, spp: u32) -> PerView<RgbImage> {
+    let settings = with(settings(subject, false), |config| {
+        config.envelope.most.filter = None;
+        config.envelope.most.spp = spp.into();
+    });
+    Stage::alone(subject, &settings).frame(3).linear
 }
 
 /// Renders some frames and returns the last one.
@@ -79,12 +89,7 @@ fn reprojected_views_are_as_good_as_traced_ones() {
     };
     let reprojected = of(&|_| ());
     let traced = of(&|config| config.buffers.reproject = false);
-    let reference = with(settings(&subject, false), |config| {
-        config.envelope.most.filter = None;
-        config.envelope.most.spp = 128.into();
-    });
-    let reference = Stage::alone(&subject, &reference).frame(3).linear;
-    for (eye, right) in reference.with_eyes() {
+    for (eye, right) in reference(&subject, 128).with_eyes() {
         let [by_source, own] = [&reprojected, &traced].map(|images| compare(right, images.of(eye)).unwrap());
         println!("{eye}: FLIP {:.4} reprojected, {:.4} traced", by_source.flip, own.flip);
         assert!(by_source.flip <= 1.05 * own.flip + 1e-3, "{eye}: {by_source}\n{own}");
@@ -102,11 +107,7 @@ fn reprojected_views_are_as_good_as_traced_ones() {
 fn shared_holes_are_traced_once() {
     let mut subject = Subject::load("builtin:atrium");
     (subject.rig.views, subject.rig.baseline_m) = (8, 0.02);
-    let reference = with(settings(&subject, false), |config| {
-        config.envelope.most.filter = None;
-        config.envelope.most.spp = 64.into();
-    });
-    let reference = Stage::alone(&subject, &reference).frame(3).linear;
+    let reference = reference(&subject, 64);
     let [shared, own] = [true, false].map(|shares| {
         let frame = last_frame(&subject, &with(settings(&subject, true), |config| config.share_holes = shares));
         let holes: Vec<u64> = frame.report.tallies.iter().map(|tally| tally.holes.iter().sum()).collect();

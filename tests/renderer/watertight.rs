@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use crate::common::is_thorough;
 use crate::kernels::harness::{Buffer, Kernel, traversal};
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::{add_matte, empty, icosphere, place};
@@ -164,8 +165,10 @@ fn leaks(case: &Case, rays: usize) -> usize {
     missed
 }
 
-fn assert_nothing_leaks(rays: usize) {
+#[test]
+fn no_ray_leaks_at_edges_and_vertices() {
     let cases = cases();
+    let rays: usize = if is_thorough() { 10_000_000 } else { 1_000_000 };
     let each = rays.div_ceil(cases.len());
     let leaks: Vec<_> = cases.iter().map(|case| (case.name, leaks(case, each))).collect();
     println!("leaks of {each} rays each: {leaks:#?}");
@@ -176,15 +179,4 @@ fn assert_nothing_leaks(rays: usize) {
         Traversal::Hardware => each / 25,
     };
     assert!(leaks.iter().all(|(_, missed)| *missed <= allowed), "rays leak, of {each} each: {leaks:#?}");
-}
-
-#[test]
-fn no_ray_leaks_at_edges_and_vertices() {
-    assert_nothing_leaks(1_000_000);
-}
-
-#[test]
-#[ignore = "takes a minute: run it after changes to intersection"]
-fn no_ray_of_ten_million_leaks_at_edges_and_vertices() {
-    assert_nothing_leaks(10_000_000);
 }

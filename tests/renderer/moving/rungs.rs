@@ -25,12 +25,7 @@ struct Last {
 }
 
 /// Renders frames, of which the last has a rung of its own. Frame numbers are `stride` apart.
-fn play(subject: &Subject, denoiser: Denoiser, rungs: [Rung; 2], stride: u32) -> Last {
-    play_at(subject, denoiser, rungs, stride, FPS)
-}
-
-/// Renders frames like [`play`], at `fps` frames per second.
-fn play_at(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: u32, fps: f64) -> Last {
+fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: u32, fps: f64) -> Last {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     let most = &mut settings.envelope.most;
     let filter = Some(Filter::new(denoiser, 5));
@@ -67,7 +62,7 @@ fn gradients_ignore_changes_of_bounces_and_scale() {
         ((1.0, 6, 0.5), USUAL),
     ];
     for (before, after) in sampled(changes, 3) {
-        let [constant, changed] = [before, after].map(|last| play(&subject, Denoiser::SVGF, [before, last], 1));
+        let [constant, changed] = [before, after].map(|last| play(&subject, Denoiser::SVGF, [before, last], 1, FPS));
         println!("{before:?} to {after:?}: drops {:.4} instead of {:.4}", changed.dropped, constant.dropped);
         assert!(constant.gradients.iter().any(|bits| *bits != 0), "there are no gradients");
         assert!(constant.gradients == changed.gradients, "gradients of {before:?} to {after:?}");
@@ -78,7 +73,7 @@ fn gradients_ignore_changes_of_bounces_and_scale() {
 fn changed_sample_counts_drop_little_more_history() {
     let subject = watched(moving::everything());
     for denoiser in sampled([Denoiser::SVGF, Denoiser::BMFR], 2) {
-        let dropped = |rungs, stride| play(&subject, denoiser, rungs, stride).dropped;
+        let dropped = |rungs, stride| play(&subject, denoiser, rungs, stride, FPS).dropped;
         let many = (3.0, 6, 1.0);
         let constant = dropped([USUAL; 2], 1);
         let (more, apart) = (dropped([USUAL, many], 1), dropped([USUAL; 2], 7));
@@ -100,6 +95,6 @@ fn static_scenes_drop_no_history_at_any_spp() {
     let subject = watched(moving::everything());
     for (before, after) in [(1.5, 1.5), (3.0, 3.0), (3.0, 1.0), (1.0, 3.0), (1.5, 2.0)] {
         let rungs = [before, after].map(|spp| (spp, 6, 1.0));
-        assert_eq!(play_at(&subject, Denoiser::SVGF, rungs, 1, f64::INFINITY).dropped, 0.0, "{before} to {after}");
+        assert_eq!(play(&subject, Denoiser::SVGF, rungs, 1, f64::INFINITY).dropped, 0.0, "{before} to {after}");
     }
 }
