@@ -2,8 +2,7 @@
 # # Plots of diptych's measurements
 #
 # Reads the folder given by `--out` and plots every data file in it: `frames.csv` and `run.json` of any command,
-# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `leria-lightfield.csv`, `bmfr.csv`, `koskela.csv`,
-# `andersson.csv`, `rings.csv` and `peres.csv` of `bench`. Missing files are skipped. As a program:
+# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, and the tables of `study`. Missing files are skipped. As a program:
 #
 #     python examples/plot_runs.py out/play [FOLDER OF THE PLOTS]
 #
@@ -66,7 +65,7 @@ if not frames.empty:
     if "play" in run:
         low_ms, high_ms = run["play"]["budget_ms"]
         axes.axhspan(low_ms, high_ms, color="tab:green", alpha=0.15, label="budget")
-    named = [name for name in ("denoiser", "foveation", "seam_policy", "resolution", "configuration") if name in frames]
+    named = [name for name in ("denoiser", "foveation", "seam_policy", "resolution", "arrangement") if name in frames]
     named += ["devices", "spp", "bounces", "iterations", "scale"]
     varied = [name for name in named if frames[name].nunique() > 1]
     if "rung" in frames or not varied:
@@ -208,66 +207,18 @@ if not seams.empty:
     keep(figure, "seams")
 
 # %% [markdown]
-# ## Published experiments: `leria.csv`, `leria-lightfield.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv` with `rings.csv`, and `peres.csv`, `bench --study`
+# ## Published experiments: `NAME.csv`, `study NAME`
 
 # %%
-for study, shown in ("leria", "proposed"), ("leria-lightfield", "one source"):
-    leria = table(f"{study}.csv")
-    if leria.empty:
+for study in "leria", "leria-lightfield", "bmfr", "koskela", "andersson", "peres":
+    rows = table(f"{study}.csv")
+    if rows.empty:
         continue
-    figure, axes = plt.subplots(figsize=(9, 4))
-    leria["what"] = leria["scene"] + ", " + leria["source"] + leria["devices"].map(lambda n: "" if n != n else f" {n:.0f}")
-    leria[leria["arrangement"] == shown].plot.bar(x="what", y="speedup", ax=axes, rot=20, legend=False)
-    axes.axhline(1.0, color="grey", linewidth=0.8)
+    value, label = ("speedup", "speed-up") if "speedup" in rows else ("time_ms", "time of a frame, ms")
+    labels = ["source", "conditions", "scene", "resolution", "camera", "devices"]
+    rows["row"] = [" ".join(str(label) for label in row if label == label) for row in rows[labels].itertuples(index=False)]
+    figure, axes = plt.subplots(figsize=(12, 7))
+    rows.pivot_table(index="row", columns="arrangement", values=value, sort=False).plot.bar(ax=axes)
     axes.set_xlabel("")
-    axes.set_ylabel("speed-up over the baseline")
+    axes.set_ylabel(label)
     keep(figure, study)
-
-# %%
-bmfr = table("bmfr.csv")
-if not bmfr.empty:
-    figure, axes = plt.subplots(figsize=(6, 4))
-    measured = bmfr[bmfr["source"] == "measured"]
-    measured.pivot_table(index="scene", columns="denoiser", values="time_ms").plot.bar(ax=axes, rot=0)
-    axes.set_xlabel("")
-    axes.set_ylabel("time of a frame, ms")
-    keep(figure, "bmfr")
-
-# %%
-koskela = table("koskela.csv")
-if not koskela.empty:
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4))
-    measured = koskela[koskela["source"] == "measured"]
-    for axis, column, label in zip(axes, ["fovea_flip", "fovea_flicker"], ["FLIP of the fovea", "flicker of the fovea"]):
-        pivot = measured.pivot_table(index="scene", columns="arrangement", values=column, sort=False)
-        pivot.plot.bar(ax=axis, rot=0)
-        axis.set_xlabel("")
-        axis.set_ylabel(label)
-    keep(figure, "koskela")
-
-# %%
-andersson, rings = table("andersson.csv"), table("rings.csv")
-if not andersson.empty and not rings.empty:
-    cameras = list(rings[["scene", "camera"]].drop_duplicates().itertuples(index=False))
-    figure, axes = plt.subplots(1, 1 + len(cameras), figsize=(5.5 * (1 + len(cameras)), 4))
-    speedups = andersson[andersson["camera"] != "moving"]
-    speedups.pivot_table(index="scene", columns="mode", values="speedup", sort=False).plot.bar(ax=axes[0], rot=20)
-    axes[0].set_xlabel("")
-    axes[0].set_ylabel("speed-up over every pixel")
-    for axis, (scene, camera) in zip(axes[1:], cameras):
-        own = rings[(rings["scene"] == scene) & (rings["camera"] == camera)]
-        own.pivot_table(index="outer_deg", columns="mode", values="ssim", sort=False).plot(ax=axis)
-        axis.set_xlabel("degrees from the gaze")
-        axis.set_ylabel("SSIM")
-        axis.set_title(f"{scene}, {camera}")
-    keep(figure, "andersson")
-
-# %%
-peres = table("peres.csv")
-if not peres.empty:
-    figure, axes = plt.subplots(figsize=(9, 4))
-    peres["what"] = peres["resolution"] + ", " + peres["stands_for"] + ", " + peres["configuration"]
-    peres.plot.bar(x="what", y=["speedup", "thesis_speedup"], ax=axes)
-    axes.set_xlabel("")
-    axes.set_ylabel("speed-up over Base")
-    keep(figure, "peres")
