@@ -19,7 +19,6 @@ fn pair(py: Python<'_>, reference: &Array<'_>, image: &Array<'_>, exposure_ev: f
 
 /// Errors of an image against a reference, by their names; `None` where an error is undefined.
 #[pyfunction]
-#[pyo3(signature = (reference, image, exposure_ev=0.0))]
 pub fn errors(
     py: Python<'_>,
     reference: Array<'_>,
@@ -39,7 +38,6 @@ pub fn interval(values: Vec<f64>) -> Option<[f64; 2]> {
 
 /// FLIP of each pixel, float32 of the shape (height, width, 1).
 #[pyfunction]
-#[pyo3(signature = (reference, image, exposure_ev=0.0))]
 pub fn flip_map(py: Python<'_>, reference: Array<'_>, image: Array<'_>, exposure_ev: f32) -> PyResult<Pixels<f32>> {
     let (extent, pair) = pair(py, &reference, &image, exposure_ev)?;
     arrays::of_image(py, Image { extent, pixels: pair.flip().iter().map(|flip| [*flip as f32]).collect() })

@@ -171,10 +171,6 @@ impl Player {
         Ok(Self { renderer, playing: Exclusive::new(Some(playing)), ladder_json })
     }
 
-    fn __iter__(this: Py<Self>) -> Py<Self> {
-        this
-    }
-
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Frame>> {
         let begin = Instant::now();
         let renderer = self.renderer.get();
@@ -200,15 +196,6 @@ impl Player {
     /// Ends the sequence and gives the devices back to the renderer.
     fn close(&self, py: Python<'_>) -> PyResult<()> {
         py.detach(|| self.end()).map_err(exception)
-    }
-
-    fn __enter__(this: Py<Self>) -> Py<Self> {
-        this
-    }
-
-    #[pyo3(signature = (*_exception))]
-    fn __exit__(&self, py: Python<'_>, _exception: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
-        self.close(py)
     }
 }
 

@@ -149,13 +149,6 @@ impl Renderer {
         });
         text.map_err(exception)
     }
-
-    /// Width and height of each eye's image in pixels.
-    #[getter]
-    fn size(&self) -> (u32, u32) {
-        let size = self.options.render.settings.size;
-        (size.width, size.height)
-    }
 }
 
 impl Renderer {
