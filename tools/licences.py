@@ -3,7 +3,7 @@
     python3 tools/licences.py --target x86_64-unknown-linux-gnu --features view,xr > THIRD-PARTY.txt
 
 Crates that share a text are listed together before it. A crate without a licence file is listed with its SPDX
-expression. Needs nothing but Python and Cargo.
+expression and its authors. Needs nothing but Python and Cargo.
 """
 
 import argparse
@@ -15,6 +15,12 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
+# Sources within crates whose last comment is the licence of a library that the crate contains.
+VENDORED = {"meshopt": "vendor/src/meshoptimizer.h"}
+REMARKS = """\
+diptych contains the crates below, under these licences, and the standard library of Rust, by The Rust Project
+Contributors: MIT OR Apache-2.0 (https://github.com/rust-lang/rust). The crate noto-sans-mono-bitmap contains glyphs of
+the font Noto Sans Mono, by The Noto Project Authors: OFL-1.1 (https://openfontlicense.org)."""
 NAMES = re.compile(r"(licen[cs]e|copying|notice|copyright|unlicense|ofl|ufl)", re.IGNORECASE)
 
 
@@ -47,7 +53,10 @@ def texts_of(package):
         files.append(folder / package["license_file"])
     code = {".rs", ".py", ".c", ".h", ".cpp", ".toml", ".json"}
     files = sorted({file.resolve() for file in files if file.suffix.lower() not in code})
-    texts = (file.read_text(encoding="utf-8", errors="replace").strip() for file in files)
+    texts = [file.read_text(encoding="utf-8", errors="replace").strip() for file in files]
+    if package["name"] in VENDORED:
+        source = (folder / VENDORED[package["name"]]).read_text(encoding="utf-8")
+        texts.append(re.sub(r"^ \* ?", "", source[source.rindex("/**\n") + 4 : source.rindex(" */")], flags=re.MULTILINE))
     return [text for text in texts if text]
 
 
@@ -70,10 +79,11 @@ def main():
                 spelling.setdefault(key, text)
                 crates[key].add(name)
             if not texts:
-                bare.append(f"{name}: {package['license']}")
-    print("diptych contains the crates below, under these licences.")
+                authors = f" ({', '.join(package['authors'])})" if package["authors"] else ""
+                bare.append(f"{name}: {package['license']}{authors}")
+    print(REMARKS)
     if bare:
-        print("\nCrates that contain no licence text, with the names of their licences:\n")
+        print("\nCrates that contain no licence text, with the names of their licences and authors:\n")
         print("\n".join(sorted(bare)))
     for key in sorted(crates, key=lambda key: sorted(crates[key])):
         print(f"\n{'=' * 80}\n{', '.join(sorted(crates[key]))}\n{'=' * 80}\n\n{spelling[key]}")
