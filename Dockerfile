@@ -2,7 +2,7 @@
 #
 #   docker build -t diptych .
 #   docker run --rm -v "$PWD/out:/diptych/out" diptych    # make demo, into out/demo
-#   docker run --rm diptych make test
+#   docker run --rm diptych make test    # builds the tests first, in a profile of their own
 #   docker run --rm diptych mpirun --allow-run-as-root -n 2 target/release/diptych render --out out/ranks
 ARG RUST=1.95
 FROM rust:${RUST}-trixie
@@ -13,5 +13,7 @@ RUN apt-get update \
 RUN rustup component add clippy rustfmt
 WORKDIR /diptych
 COPY . .
-RUN cargo build --release --locked --features mpi
+# `make` builds the program with the same features, and so finds it built.
+ENV FEATURES=mpi
+RUN cargo build --release --locked --features $FEATURES
 CMD ["make", "demo"]

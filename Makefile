@@ -13,6 +13,7 @@
 # make test-xr    builds the program with OpenXR and runs it in Monado's simulated headsets, or in the headset of the
 #              runtime that XR_RUNTIME_JSON names; fails without either, unless NO_XR=skip
 # make python    builds the Python package and tests it in a new virtual environment, out/python/venv. Needs Python 3.10
+# make archive    packs the program with licences, manual pages and shell completions into out/archive
 # make golden    hashes the images of many kinds of frames into out/golden.txt. BEFORE=FILE: compares with another build
 # make release-check    runs all of these, and writes docs/results/release-check.md. STEPS="lint test": only these.
 #              NEWER_MESA=COMMAND: also under a second driver, where COMMAND runs another command under that driver
@@ -30,6 +31,7 @@
 #              Warns about an old, slow software driver
 # make clean
 #
+# FEATURES=view,xr builds the program with these features, except in targets of tests.
 # RUN=COMMAND runs tests, golden and their programs by that command, for example under another driver.
 # Everything else is built in the release profile, so that the program and the benchmarks share one build of each
 # dependency. `make lint` uses the profile of `make test`: clippy and the documentation share one check of each
@@ -37,6 +39,8 @@
 
 CARGO ?= cargo
 RUSTC ?= rustc
+HOST = $(shell $(RUSTC) -vV | sed -n 's/^host: //p')
+BUILD := $(CARGO) build --release --locked $(if $(FEATURES),--features $(FEATURES))
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
 DEMO := out/demo
 PEERS := out/peers
@@ -56,13 +60,13 @@ NEED_ADAPTER := rejects_faulty_shaders non_finite_history light_density_tests mi
 
 # Runner for tests in Cargo.
 ifneq ($(RUN),)
-export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
+export CARGO_TARGET_$(shell echo $(HOST) | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
 
-.PHONY: demo lint test test-no-adapter test-full test-view test-hardware-rays test-mpi test-xr python golden gpu-kernels release-check peers peers-packages numbers docs deps clean
+.PHONY: demo lint test test-no-adapter test-full test-view test-hardware-rays test-mpi test-xr python archive golden gpu-kernels release-check peers peers-packages numbers docs deps clean
 
 demo: deps
-	$(CARGO) build --release --locked
+	$(BUILD)
 	"$(DIPTYCH)" render builtin:atrium --virtual 2 --frames 8 --out $(DEMO)/frames --trace $(DEMO)/trace.json
 	cp $(DEMO)/frames/stereo.0007.png $(DEMO)/stereo.png
 	"$(DIPTYCH)" trace $(DEMO)/trace.json
@@ -133,7 +137,7 @@ test-xr: deps
 
 # The wheel's library and the program, with which the tests compare it, share one build of each dependency.
 python: deps
-	$(CARGO) build --release --locked
+	$(BUILD)
 	rm -rf out/python/venv out/python/wheels
 	python3 -m venv out/python/venv
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check pytest psutil mypy OpenEXR
@@ -141,6 +145,7 @@ python: deps
 		echo "the notebook and the view are not tested, because its packages cannot be installed"
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check pyoidn || \
 		echo "the example with OIDN is not tested, because pyoidn cannot be installed"
+	python3 tools/licences.py --target $(HOST) --features python >python/LICENSE-THIRD-PARTY.txt
 	out/python/venv/bin/pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir out/python/wheels ./python
 	out/python/venv/bin/pip install --quiet --disable-pip-version-check out/python/wheels/diptych-*.whl
 	MYPY_CACHE_DIR=out/python/mypy out/python/venv/bin/python -m mypy --config-file python/pyproject.toml python/diptych
@@ -148,14 +153,18 @@ python: deps
 		--mypy-config-file python/pyproject.toml diptych
 	DIPTYCH="$(abspath $(DIPTYCH))" $(RUN) out/python/venv/bin/python -m pytest -q --import-mode=importlib python/tests
 
+archive: deps
+	$(BUILD)
+	sh tools/archive.sh "$(DIPTYCH)" $(HOST) "$(FEATURES)" out/archive
+
 golden: deps
-	$(CARGO) build --release --locked
+	$(BUILD)
 	mkdir -p out
 	$(RUN) sh tools/golden.sh "$(DIPTYCH)" out/golden.txt
 	@[ -z "$(BEFORE)" ] || { diff "$(BEFORE)" out/golden.txt && echo "all images are the same"; }
 
 gpu-kernels: deps
-	$(CARGO) build --release --locked
+	$(BUILD)
 	mkdir -p out
 	python3 tools/gpu-kernels/measure.py --diptych "$(DIPTYCH)" --under "$(NEWER_MESA)" $(ARGS)
 
@@ -164,7 +173,7 @@ release-check:
 
 # Python packages live in a separate virtual environment. The program needs none of them.
 peers: deps peers-packages
-	$(CARGO) build --release --locked
+	$(BUILD)
 	$(PEERS)/venv/bin/python docs/results/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(if $(HISTORY),--history) $(SHOT)
 
 peers-packages:
@@ -172,7 +181,7 @@ peers-packages:
 	$(PEERS)/venv/bin/pip install --quiet --disable-pip-version-check --requirement docs/results/peers/requirements.txt
 
 numbers: deps $(if $(WITH_PEERS),peers-packages)
-	$(CARGO) build --release --locked
+	$(BUILD)
 	python3 tools/results/measure.py --diptych "$(DIPTYCH)" --tables "$(TABLES)" $(if $(SCENES),--scenes "$(SCENES)") \
 		$(if $(NEWER_MESA),--driver "$(NEWER_MESA)") $(if $(WITH_PEERS),--peers $(PEERS)/venv/bin/python) $(ARGS)
 
