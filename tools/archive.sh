@@ -11,7 +11,7 @@ python=python3
 
 rm -rf "${out:?}/$name"
 mkdir -p "$out/$name/completions"
-cp "$program" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$out/$name"
+cp "$program" README.md CHANGELOG.md CITATION.cff LICENSE-APACHE LICENSE-MIT "$out/$name"
 cp scenes/LICENSES.md "$out/$name/SCENES-LICENSES.md"
 "$python" tools/licences.py --target "$target" --features "$features" >"$out/$name/THIRD-PARTY.txt"
 "$program" generate man --out "$out/$name/man" >/dev/null
