@@ -161,8 +161,6 @@ pub struct Pass {
     pub work: Work,
     pub partition: Partition,
     pub chain: Chain,
-    /// True if the first camera of the pass's constants is that of its view's partner instead of its source.
-    pub sees_partner: bool,
     /// Vertices from which each device builds its acceleration structures of dynamic geometry after the pass.
     pub builds_from: Option<Resource>,
 }
@@ -183,7 +181,6 @@ impl Pass {
             work: Work::Rows,
             partition,
             chain: Chain::No,
-            sees_partner: false,
             builds_from: None,
         }
     }
@@ -242,11 +239,6 @@ impl Pass {
         Self { chain, ..self }
     }
 
-    /// Makes the first camera of the pass's constants that of its view's partner.
-    pub fn seeing_partner(self) -> Self {
-        Self { sees_partner: true, ..self }
-    }
-
     /// Makes each device build its acceleration structures of dynamic geometry after the pass, from these vertices that
     /// the pass writes.
     pub fn builds_from(self, vertices: Resource) -> Self {
@@ -262,6 +254,13 @@ impl Pass {
             Scope::Device if life == Life::Input => self.view,
             Scope::Device => self.view.main(),
         }
+    }
+
+    /// Returns true if the pass binds images of its view's partner. The first camera of its constants is then the
+    /// partner's instead of the source's.
+    pub fn sees_partner(&self) -> bool {
+        let mut others = self.uses.iter().filter_map(|used| used.eye).filter(|eye| *eye != self.view.source());
+        others.any(|eye| Some(eye) == self.view.partner())
     }
 
     /// Returns the maximum number of rows above and below its own that the pass reads from an image of this frame.

@@ -113,5 +113,4 @@ pub fn share_holes(spec: &FrameSpec, view: Eye, partner: Eye) -> Pass {
         ])
         .dispatch(Dispatch::List(HOLES))
         .with((1..=HOLES.list_parts(spec.extent)).map(of_part))
-        .seeing_partner()
 }

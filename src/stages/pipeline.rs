@@ -278,7 +278,7 @@ impl DeviceStages {
             groups.entry((kernel.name, bound, place)).or_insert_with_key(new).clone()
         });
         let mut recorded = to.begin_pass(declared.stage, [begins, ends]);
-        let set = declared.view.index() + if declared.sees_partner { declared.view.views() } else { 0 };
+        let set = declared.view.index() + if declared.sees_partner() { declared.view.views() } else { 0 };
         let of_view = &self.frame_groups[set.min(self.frame_groups.len() - 1)];
         recorded.set_bind_group(0, &of_view[kernel.scene as usize], &[]);
         recorded.set_bind_group(1, &*group, &[]);
