@@ -140,8 +140,8 @@ impl Denoise for Svgf {
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
 
-    /// Returns the passes of the filter. If a part of the light is finished, they run on the list of the other pixels, and
-    /// alternate between two images that both have the finished ones.
+    /// Returns the passes of the filter, which alternate between two images. If a part of the light is finished, they run
+    /// on the list of the other pixels, and both images have the finished ones.
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let is_listed = light.is_partly_finished();
         let (target, dispatch, parts) = match is_listed {
@@ -161,19 +161,17 @@ impl Denoise for Svgf {
             Pass::new(stage, view, PARTITION, kernel).uses(uses).dispatch(dispatch).chain(Chain::Planned)
         };
         let mut passes = Vec::new();
-        let finished = light.image();
         let images = light.advance();
         if is_listed {
-            passes.push(select_unfinished(view, finished, [images.1, HISTORY.into()]));
+            passes.push(select_unfinished(view, images.0, [images.1, HISTORY.into()]));
         }
         let variance = link(VARIANCE, VARIANCE_KERNEL, VARIANCE_REACH, images);
         passes.push(variance.with(parts.clone().map(|list_part| VarianceArguments { list_part })));
         for index in 0..spec.iterations {
             let images = match index {
                 0 => light.advance_to(HISTORY.into()),
-                _ if is_listed && index % 2 == 1 => light.advance_to(finished),
-                _ if is_listed => light.advance_to(finished.next()),
-                _ => light.advance(),
+                _ if index % 2 == 1 => light.advance_to(images.0),
+                _ => light.advance_to(images.1),
             };
             let sigma = if index == 0 { FIRST_SIGMA } else { SIGMA };
             let of_part = |list_part| SvgfArguments { list_part, sigma2: sigma * sigma, iteration: index };
