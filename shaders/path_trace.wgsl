@@ -3,10 +3,9 @@
 // Leria et al. name as the limit of their hole filling. Both cases share one pipeline, since drivers take seconds to
 // compile it.
 
-//!include frame grid projection pixel bindings
+//!include frame grid projection place pixel bindings
 
-// `holes` holds the number of listed pixels, then the three workgroup counts of the indirect dispatch, then the indices
-// of the pixels. No loop surrounds the paths: inside one, Mesa 22 took five to eight times as long.
+// No loop surrounds the paths: inside one, Mesa 22 took five to eight times as long.
 
 @compute @workgroup_size(8, 4)
 fn main(
@@ -15,21 +14,12 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    var pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    var is_wanted = !is_outside(pixel);
-    if pass_.args.list_part != 0u {
-        let i = ((pass_.args.list_part - 1u) * groups.x + group.x) * LIST_GROUP + lane;
-        is_wanted = i < holes[0];
-        let at = holes[LIST_HEADER + select(0u, i, is_wanted)];
-        pixel = vec2<u32>(at % pass_.width, at / pass_.width);
-        // If the work is split into several dispatches, each handles the listed pixels in its own rows.
-        is_wanted = is_wanted && pixel.y >= pass_.row_begin && pixel.y < pass_.row_end;
-    }
-    if is_wanted {
-        if is_shown(pixel) {
-            sample_pixel(pixel, pass_.view);
+    let place = place_of(id, group.x, groups.x, lane, LIST_GROUP);
+    if place.is_there {
+        if is_shown(place.pixel) {
+            sample_pixel(place.pixel, pass_.view);
         } else {
-            radiance_image[pixel_index(pixel)] = vec4<u32>(0u);
+            radiance_image[pixel_index(place.pixel)] = vec4<u32>(0u);
         }
     }
 }

@@ -3,7 +3,7 @@
 // sampling mask leaves pixels to the filter, left pixels that were not sampled are invalid taps, and only right pixels in
 // the right eye's own mask become holes. With foveation, taps may differ more from the surface in the outer layers.
 
-//!include frame grid projection split pack foveation gather bindings
+//!include frame grid projection split pack foveation gather new_list bindings
 
 // Lists a hole if the right eye's sampling mask contains it (`wanted`), and otherwise leaves it to the filter.
 fn open_hole(at: u32, why: u32, wanted: bool) {
@@ -12,11 +12,7 @@ fn open_hole(at: u32, why: u32, wanted: bool) {
         return;
     }
     tally_image[at] |= why << 28u;
-    let slot = atomicAdd(&holes[0], 1u);
-    atomicStore(&holes[LIST_HEADER + slot], at);
-    if slot % LIST_GROUP == 0u && slot / LIST_GROUP < 65535u {
-        atomicAdd(&holes[1], 1u);
-    }
+    append(at, LIST_GROUP);
 }
 
 @compute @workgroup_size(8, 8)

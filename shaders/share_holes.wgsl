@@ -2,24 +2,21 @@
 // `gather.inc.wgsl`), which was a hole of the partner as well and was path traced there. Pixels whose surface the partner
 // does not show either are listed again, for path tracing.
 
-//!include frame grid projection split pack foveation gather bindings
+//!include frame grid projection split pack foveation place gather new_list bindings
 
 @compute @workgroup_size(8, 4)
 fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
     @builtin(workgroup_id) group: vec3<u32>,
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let i = ((pass_.args.list_part - 1u) * groups.x + group.x) * LIST_GROUP + lane;
-    if i >= holes[0] {
+    let place = place_of(id, group.x, groups.x, lane, LIST_GROUP);
+    if !place.is_there {
         return;
     }
-    let at = holes[LIST_HEADER + i];
-    let pixel = vec2<u32>(at % pass_.width, at / pass_.width);
-    // If the work is split into several dispatches, each handles the listed pixels in its own rows.
-    if pixel.y < pass_.row_begin || pixel.y >= pass_.row_end {
-        return;
-    }
+    let pixel = place.pixel;
+    let at = pixel_index(pixel);
     let hit = hit_image[at];
     let guide = guide_image[at];
     let is_mixed = !ACCEPTS_MIXED && (hit.w & FLAG_MIXED) != 0u;
@@ -35,9 +32,5 @@ fn main(
             }
         }
     }
-    let slot = atomicAdd(&unshared[0], 1u);
-    atomicStore(&unshared[LIST_HEADER + slot], at);
-    if slot % LIST_GROUP == 0u && slot / LIST_GROUP < 65535u {
-        atomicAdd(&unshared[1], 1u);
-    }
+    append(at, LIST_GROUP);
 }

@@ -12,6 +12,6 @@ pub fn pass(view: Eye) -> Pass {
         Use::read(GUIDE),
         Use::write(RADIANCE),
         Use::update(TALLY),
-        Use::write_then_read(HOLES).cleared(),
+        Use::write_then_read(HOLES).cleared().named("new_list"),
     ])
 }

@@ -38,7 +38,7 @@ fn trace(spec: &FrameSpec, stage: Stage, view: Eye, partition: Partition, list: 
         Some(list) => (Use::update(RADIANCE), Dispatch::List(list), 1..=list.list_parts(spec.extent)),
         None => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0..=0),
     };
-    let listed = Use::read(list.unwrap_or(HOLES)).if_written().named("holes");
+    let listed = Use::read(list.unwrap_or(HOLES)).if_written().named("listed");
     let launch = |third| Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false };
     let [hit, albedo] = [HIT, ALBEDO].map(Use::update);
     // Unfiltered specular light is added to the light that the G-buffer found.

@@ -81,7 +81,7 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
             Use::read(GUIDE),
             Use::write(RADIANCE),
             Use::update(TALLY),
-            Use::write_then_read(HOLES).cleared(),
+            Use::write_then_read(HOLES).cleared().named("new_list"),
         ])
         .with([ReachArguments { reach: reach(spec) }])
 }
@@ -108,8 +108,8 @@ pub fn share_holes(spec: &FrameSpec, view: Eye, partner: Eye) -> Pass {
             Use::read(GUIDE),
             Use::update(RADIANCE),
             Use::update(TALLY),
-            Use::read(HOLES),
-            Use::write_then_read(UNSHARED).cleared(),
+            Use::read(HOLES).named("listed"),
+            Use::write_then_read(UNSHARED).cleared().named("new_list"),
         ])
         .dispatch(Dispatch::List(HOLES))
         .with((1..=HOLES.list_parts(spec.extent)).map(of_part))

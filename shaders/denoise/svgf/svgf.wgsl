@@ -12,7 +12,7 @@
 // - The first iteration, whose result becomes the history, tolerates larger differences than the others, since its taps
 //   are the nearest.
 
-//!include frame grid projection split pack foveation edges variance unfinished bindings
+//!include frame grid projection split pack foveation edges variance place bindings
 
 @compute @workgroup_size(8, 8)
 fn main(
@@ -21,7 +21,7 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let place = place_of(id, group.x, groups.x, lane);
+    let place = place_of(id, group.x, groups.x, lane, UNFINISHED_GROUP);
     if !place.is_there {
         return;
     }

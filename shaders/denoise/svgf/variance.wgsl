@@ -4,7 +4,7 @@
 // 3x3 smoothing runs once, before the first iteration, instead of in each; and spatial estimates are multiplied by
 // DOUBT, since they may have missed rare bright light.
 
-//!include frame grid projection split pack edges variance unfinished bindings
+//!include frame grid projection split pack edges variance place bindings
 
 const REACH: i32 = i32(VARIANCE_REACH);
 // Factor by which spatial estimates of variance are multiplied.
@@ -19,7 +19,7 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let place = place_of(id, group.x, groups.x, lane);
+    let place = place_of(id, group.x, groups.x, lane, UNFINISHED_GROUP);
     if !place.is_there {
         return;
     }

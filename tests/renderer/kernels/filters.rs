@@ -42,7 +42,7 @@ impl<'a, L> Filter<'a, L> {
             ("filtered", Buffer::image(&before)),
         ];
         let pass = stripe.pass(view, args);
-        buffers.extend(listed.map(|listed| ("unfinished", Buffer::whole(&list_of(listed, UNFINISHED_GROUP)))));
+        buffers.extend(listed.map(|listed| ("listed", Buffer::whole(&list_of(listed, UNFINISHED_GROUP)))));
         let groups = listed
             .filter(|_| args[LIST_PART] != 0)
             .map(|listed| listed.len().div_ceil(UNFINISHED_GROUP as usize) as u32);

@@ -51,10 +51,14 @@ fn select(
         ("guide_image", stripe.own(width, guide)),
         ("radiance_image", Buffer::image(radiance)),
         ("tally_image", Buffer::image(tally)),
-        ("holes", Buffer::whole(&empty_list(constants.area()))),
+        ("new_list", Buffer::whole(&empty_list(constants.area()))),
     ];
     let outputs = Kernel::new("mask_compaction", &overrides).run(constants, stripe.pass(view, [0; 3]), width, &buffers);
-    Selected { radiance: outputs.get("radiance_image"), tally: outputs.get("tally_image"), list: outputs.get("holes") }
+    Selected {
+        radiance: outputs.get("radiance_image"),
+        tally: outputs.get("tally_image"),
+        list: outputs.get("new_list"),
+    }
 }
 
 fn compare(layers: bool, view: usize, width: u32, seed: u64) {

@@ -29,7 +29,7 @@ fn unfinished_pixels_are_listed_and_others_copied() {
             ("source", stripe.own(WIDTH, &source)),
             ("filtered", Buffer::image(&before)),
             ("history", Buffer::image(&before)),
-            ("unfinished", Buffer::whole(&empty_list(constants.area()))),
+            ("new_list", Buffer::whole(&empty_list(constants.area()))),
         ];
         let kernel = Kernel::new("select_unfinished", &[("HAS_GLOSS", gloss), ("MARKS_ABSENT", true)]);
         let outputs = kernel.run(&constants, stripe.pass(1, [0; 3]), WIDTH, &buffers);
@@ -46,7 +46,7 @@ fn unfinished_pixels_are_listed_and_others_copied() {
             listed.extend((case == "listed").then_some(at as u32));
             assert!(images.iter().all(|image| image[at] == expected), "({x}, {y}): {case}");
         }
-        assert_lists(&outputs.get::<u32>("unfinished"), UNFINISHED_GROUP, listed);
+        assert_lists(&outputs.get::<u32>("new_list"), UNFINISHED_GROUP, listed);
     }
     cases.assert_met(&["no surface", "finished", "listed"]);
 }

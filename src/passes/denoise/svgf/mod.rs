@@ -68,7 +68,7 @@ fn select_unfinished(view: Eye, light: Image, copies: [Image; 2]) -> Pass {
             Use::read(light).named("source"),
             copy.named("filtered"),
             history,
-            Use::write_then_read(UNFINISHED).cleared(),
+            Use::write_then_read(UNFINISHED).cleared().named("new_list"),
         ])
         .chain(Chain::Margin)
 }
@@ -156,7 +156,7 @@ impl Denoise for Svgf {
                 Use::read(GUIDE).halo(halo),
                 Use::read(from).halo(halo).named("source"),
                 target(to).named("filtered"),
-                Use::read(UNFINISHED).if_written(),
+                Use::read(UNFINISHED).if_written().named("listed"),
             ];
             Pass::new(stage, view, PARTITION, kernel).uses(uses).dispatch(dispatch).chain(Chain::Planned)
         };

@@ -128,7 +128,7 @@ impl Frames {
             ("radiance_image", Buffer::image(&nothing)),
             ("tally_image", Buffer::image(&vec![0u32; self.constants.area()])),
             ("guide_image", Buffer::whole(&self.guide)),
-            ("holes", Buffer::whole(&[0u32; 4])),
+            ("listed", Buffer::whole(&[0u32; 4])),
             ("last_cache", Buffer::whole(&[[0u32; 4]; 2])),
             ("records", Buffer::image(&nothing)),
         ];

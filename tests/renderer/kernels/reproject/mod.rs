@@ -86,6 +86,7 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
 /// Overrides of every frame.
 const PLAIN: [Override; 3] = [("MARKS_ABSENT", true), ("SOBOL", true), ("HAS_MIRRORS", true)];
 
+/// Reprojects the left eye's light or, with listed holes, takes over that of a partner that shows what the left eye does.
 fn run(
     constants: &Constants,
     stripe: &Stripe,
@@ -93,9 +94,10 @@ fn run(
     eyes: &Eyes,
     before: &[[u32; 4]],
     tally: &[u32],
+    listed: Option<&[u32]>,
 ) -> Outputs {
     let image = |pixels: &[[u32; 4]]| stripe.own(constants.width, pixels);
-    let buffers = [
+    let mut buffers = vec![
         ("left_hit", image(&eyes.hit[0])),
         ("left_guide", image(&eyes.guide[0])),
         ("left_radiance", image(&eyes.left_radiance)),
@@ -103,33 +105,13 @@ fn run(
         ("guide_image", image(&eyes.guide[1])),
         ("radiance_image", Buffer::image(before)),
         ("tally_image", Buffer::image(tally)),
-        ("holes", Buffer::whole(&empty_list(constants.area()))),
+        ("new_list", Buffer::whole(&empty_list(constants.area()))),
     ];
-    Kernel::new("reproject", overrides).run(constants, stripe.pass(1, [0; 3]), constants.width, &buffers)
-}
-
-/// Takes over the light of listed pixels from a partner that shows what the left eye does.
-fn share(
-    constants: &Constants,
-    stripe: &Stripe,
-    overrides: &[Override],
-    eyes: &Eyes,
-    before: &[[u32; 4]],
-    tally: &[u32],
-    listed: &[u32],
-) -> Outputs {
-    let image = |pixels: &[[u32; 4]]| stripe.own(constants.width, pixels);
-    let buffers = [
-        ("left_hit", image(&eyes.hit[0])),
-        ("left_guide", image(&eyes.guide[0])),
-        ("left_radiance", image(&eyes.left_radiance)),
-        ("hit_image", image(&eyes.hit[1])),
-        ("guide_image", image(&eyes.guide[1])),
-        ("radiance_image", Buffer::image(before)),
-        ("tally_image", Buffer::image(tally)),
-        ("holes", Buffer::whole(&list_of(listed, LIST_GROUP))),
-        ("unshared", Buffer::whole(&empty_list(constants.area()))),
-    ];
+    let Some(listed) = listed else {
+        let kernel = Kernel::new("reproject", overrides);
+        return kernel.run(constants, stripe.pass(1, [0; 3]), constants.width, &buffers);
+    };
+    buffers.push(("listed", Buffer::whole(&list_of(listed, LIST_GROUP))));
     let groups = [(listed.len() as u32).div_ceil(LIST_GROUP), 1];
     Kernel::new("share_holes", overrides).run_groups(constants, stripe.pass(1, [0, 1, 0]), groups, &buffers)
 }
@@ -156,7 +138,7 @@ fn compare(
         let twin = Twin { constants: &constants, sparse, accepts_mixed, left: &left };
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits() & 0x0fff_ffff).collect();
         let before = random.rubbish::<4>(constants.area());
-        let outputs = run(&constants, stripe, &overrides, &eyes, &before, &tally);
+        let outputs = run(&constants, stripe, &overrides, &eyes, &before, &tally, None);
         let (radiance, counted) = (outputs.get::<[u32; 4]>("radiance_image"), outputs.get::<u32>("tally_image"));
         let mut holes = Vec::new();
         for (x, y) in stripe.pixels(WIDTH) {
@@ -187,10 +169,10 @@ fn compare(
             }
             assert_eq!(Counts::unpack(counted[at]), Counts { why, ..Counts::unpack(tally[at]) }, "{place}");
         }
-        assert_lists(&outputs.get::<u32>("holes"), LIST_GROUP, holes);
+        assert_lists(&outputs.get::<u32>("new_list"), LIST_GROUP, holes);
         if !sparse {
             let listed: Vec<u32> = (0..constants.area() as u32).filter(|_| random.chance(0.5)).collect();
-            let outputs = share(&constants, stripe, &overrides, &eyes, &before, &counted, &listed);
+            let outputs = run(&constants, stripe, &overrides, &eyes, &before, &counted, Some(&listed));
             let (shared, recounted) = (outputs.get::<[u32; 4]>("radiance_image"), outputs.get::<u32>("tally_image"));
             let mut unshared = Vec::new();
             for (x, y) in stripe.pixels(WIDTH) {
@@ -204,7 +186,7 @@ fn compare(
                 assert_eq!(Counts::unpack(recounted[at]), Counts { why, ..counts }, "({x}, {y})");
                 unshared.extend((is_listed && !is_taken_over).then_some(at as u32));
             }
-            assert_lists(&outputs.get::<u32>("unshared"), LIST_GROUP, unshared);
+            assert_lists(&outputs.get::<u32>("new_list"), LIST_GROUP, unshared);
         }
     }
     cases.assert_met(&["gathered", "sky", "outside", "normal", "distance", "material", "mixed", "view"]);
@@ -271,7 +253,7 @@ fn reproject_reads_one_pixel_at_whole_disparities() {
     let radiance = (0..16).map(|x| format.pack_sampled(&light(x))).collect();
     let eyes = Eyes { hit, guide: guides, left_radiance: radiance };
     let stripe = Stripe { rows: 0..1, valid: 0..1 };
-    let outputs = run(&constants, &stripe, &PLAIN, &eyes, &[[9; 4]; 16], &[0; 16]);
+    let outputs = run(&constants, &stripe, &PLAIN, &eyes, &[[9; 4]; 16], &[0; 16], None);
     let (gathered, counted) = (outputs.get::<[u32; 4]>("radiance_image"), outputs.get::<u32>("tally_image"));
     for x in 0..16 {
         let expected = match x {
@@ -286,7 +268,7 @@ fn reproject_reads_one_pixel_at_whole_disparities() {
             assert!(format.holds_sampled(gathered[x as usize], &want, 1e-5), "pixel {x}: {got:?} instead of {want:?}");
         }
     }
-    assert_lists(&outputs.get::<u32>("holes"), LIST_GROUP, vec![5, 14, 15]);
+    assert_lists(&outputs.get::<u32>("new_list"), LIST_GROUP, vec![5, 14, 15]);
 }
 
 #[test]
@@ -297,7 +279,7 @@ fn reproject_dispatches_holes_in_whole_workgroups() {
         let hit = [zero.clone(), vec![[1, 2, 3, 7 | MIXED]; count as usize]];
         let eyes = Eyes { hit, guide: [zero.clone(), zero.clone()], left_radiance: zero.clone() };
         let stripe = Stripe { rows: 0..1, valid: 0..1 };
-        let outputs = run(&constants, &stripe, &PLAIN, &eyes, &zero, &vec![0; count as usize]);
-        assert_lists(&outputs.get::<u32>("holes"), LIST_GROUP, (0..count).collect());
+        let outputs = run(&constants, &stripe, &PLAIN, &eyes, &zero, &vec![0; count as usize], None);
+        assert_lists(&outputs.get::<u32>("new_list"), LIST_GROUP, (0..count).collect());
     }
 }
