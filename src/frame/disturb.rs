@@ -129,16 +129,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn injections_parse_or_are_rejected() {
-        let hang = Injection { kind: InjectedKind::Hang, device: 12, frames: 345..346 };
-        assert_eq!("hang:dev12@345".parse(), Ok(hang.clone()));
-        assert_eq!("hang:dev12@frame345".parse(), Ok(hang));
-        for wrong in ["", "loss", "loss:dev1", "loss:1@3", "melt:dev1@frame3", "loss:devx@frame3", "oom:dev1@frame-3"] {
-            assert!(wrong.parse::<Injection>().is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
     fn disturbances_round_trip_through_text() {
         let slow = |frames| Disturbance::Device(Injection { kind: InjectedKind::Slow, device: 1, frames });
         assert_eq!("slow:dev1@100..200".parse(), Ok(slow(100..200)));

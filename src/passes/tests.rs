@@ -55,19 +55,6 @@ fn stages(spec: &FrameSpec) -> Vec<&'static str> {
     Declarations::default().program(spec).stages().into_iter().map(Stage::name).collect()
 }
 
-/// Checks that bindings do not depend on the frame, since pipelines are created once.
-#[test]
-fn kernel_formats_are_equal_in_every_frame() {
-    let mut bound: Vec<(&str, Vec<_>)> = Vec::new();
-    for pass in all_specs().iter().flat_map(|spec| declare(spec).passes) {
-        let layout: Vec<_> = pass.uses.iter().map(|u| (u.image.resource.format, u.access.writes())).collect();
-        match bound.iter().find(|(kernel, _)| *kernel == pass.kernel.name) {
-            Some((kernel, known)) => assert_eq!(*known, layout, "{kernel}"),
-            None => bound.push((pass.kernel.name, layout)),
-        }
-    }
-}
-
 #[test]
 fn unneeded_passes_are_omitted_with_a_reason() {
     let full = spec(2, Seam::Filter);
