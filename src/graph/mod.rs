@@ -21,7 +21,7 @@ pub use build::FrameGraph;
 pub use halo::{HaloPlan, Seam};
 pub use pass::{Chain, Dispatch, Kernel, Partition, Pass, SceneUse, Stage, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
-pub use resource::{Format, Grid, Image, LIST_GROUP, LIST_HEADER, Life, Projection, Resource, Scope, Size};
+pub use resource::{Format, Grid, Image, LIST_GROUP, LIST_HEADER, Life, Resource, Scope};
 pub use stripes::{Stripes, StripesError};
 pub use task::{Key, Task, TaskKind, TimedTask};
 pub use uses::{Access, Reach, Use};

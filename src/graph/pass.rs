@@ -174,7 +174,7 @@ impl Pass {
             scope: Scope::View,
             index: 0,
             kernel,
-            grid: Grid::FRAME,
+            grid: Grid::Frame,
             uses: Vec::new(),
             dispatch: Dispatch::PIXELS,
             launches: vec![Launch::Once(Words::default())],

@@ -3,9 +3,9 @@
 use crate::image::Extent;
 use crate::wgsl::Texel;
 
-/// The number of columns and rows of texels.
+/// The columns and rows of a resource's texels, or of a pass's invocations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Size {
+pub enum Grid {
     /// The frame's columns and rows.
     Frame,
     /// The frame's columns and rows divided by this number, rounded up.
@@ -18,38 +18,15 @@ pub enum Size {
     Fixed(Extent),
 }
 
-/// Mapping from texels to rays.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Projection {
-    /// Perspective projection through an image plane in front of the eye.
-    Perspective,
-    /// Texels that have no direction, as in sums, lists and tables.
-    None,
-}
-
-/// Size and projection of a resource's texels, or of a pass's invocations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Grid {
-    pub size: Size,
-    pub projection: Projection,
-}
-
 impl Grid {
-    /// The image of an eye at full size.
-    pub const FRAME: Self = Self { size: Size::Frame, projection: Projection::Perspective };
-
-    pub const fn table(size: Size) -> Self {
-        Self { size, projection: Projection::None }
-    }
-
     /// Returns the columns and rows for a frame of this extent.
     pub fn extent(self, frame: Extent) -> Extent {
-        match self.size {
-            Size::Frame => frame,
-            Size::FrameOver(n) => Extent::new(frame.width.div_ceil(n.max(1)), frame.height.div_ceil(n.max(1))),
-            Size::FrameColumnsOver(n) => Extent::new(frame.width.div_ceil(n.max(1)), frame.height),
-            Size::FrameRows => Extent::new(1, frame.height),
-            Size::Fixed(extent) => extent,
+        match self {
+            Self::Frame => frame,
+            Self::FrameOver(n) => Extent::new(frame.width.div_ceil(n.max(1)), frame.height.div_ceil(n.max(1))),
+            Self::FrameColumnsOver(n) => Extent::new(frame.width.div_ceil(n.max(1)), frame.height),
+            Self::FrameRows => Extent::new(1, frame.height),
+            Self::Fixed(extent) => extent,
         }
     }
 }
@@ -142,7 +119,7 @@ impl Resource {
 
     /// Makes an image of each eye at full size.
     pub const fn image<T: Texel>(name: &'static str) -> Self {
-        Self::new(name, Format::texels::<T>(), Grid::FRAME, Scope::View, Life::Frame)
+        Self::new(name, Format::texels::<T>(), Grid::Frame, Scope::View, Life::Frame)
     }
 
     /// Returns this resource on another grid.
@@ -152,19 +129,19 @@ impl Resource {
 
     /// Makes a list of an eye's pixels. Each device lists only pixels of its own rows.
     pub const fn list(name: &'static str) -> Self {
-        Self::new(name, Format::List, Grid::table(Size::Frame), Scope::View, Life::Local)
+        Self::new(name, Format::List, Grid::Frame, Scope::View, Life::Local)
     }
 
     /// Makes a uniform buffer of `bytes` bytes that the host sets every frame. Its type in shaders is the struct
     /// `struct_name`.
     pub const fn constants(name: &'static str, struct_name: &'static str, bytes: u32) -> Self {
-        let grid = Grid::table(Size::Fixed(Extent::new(1, 1)));
+        let grid = Grid::Fixed(Extent::new(1, 1));
         Self::new(name, Format::Uniform { bytes, name: struct_name }, grid, Scope::Device, Life::Input)
     }
 
     /// Makes a table that every device computes for itself.
     pub const fn table<T: Texel>(name: &'static str, texels: Extent) -> Self {
-        Self::new(name, Format::texels::<T>(), Grid::table(Size::Fixed(texels)), Scope::Device, Life::Frame)
+        Self::new(name, Format::texels::<T>(), Grid::Fixed(texels), Scope::Device, Life::Frame)
     }
 
     /// Returns this resource with `variable` as the name of its variable in shaders.

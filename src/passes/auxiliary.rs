@@ -5,10 +5,9 @@ use glam::Vec4;
 use super::display_resampling::LATE_PARTITION;
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::history_length::{self, Counted};
-use super::polar::screen;
 use super::tonemap::PARTITION;
 use super::{Aov, Display, FrameSpec, ImageChain, PREVIOUS};
-use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
+use crate::graph::{Grid, Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use crate::wgsl::arguments;
@@ -78,7 +77,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov, counted: Option<
             .on(to.grid)
             .uses([Use::read(from).reaching(Reach::All), Use::write(to).named("aov")])
     };
-    let to_screen = |to: Resource| space.map(|_| map(STAGES[1], polar, to.on(screen(screen_size))));
+    let to_screen = |to: Resource| space.map(|_| map(STAGES[1], polar, to.on(Grid::Fixed(screen_size))));
     let first = |target: Resource| match counted.filter(|_| aov == Aov::History) {
         Some(counted) => history_length::bind(spec, begun(view, index), counted, target),
         None => of_surface(begun(view, index), aov, target, screen_size),
@@ -88,7 +87,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov, counted: Option<
         return std::iter::once(first(target)).chain(to_screen(last)).collect();
     };
     let target = if space.is_some() { polar } else { rectified };
-    let (from, to) = (rectified.on(screen(screen_size)), last.on(screen(displayed)));
+    let (from, to) = (rectified.on(Grid::Fixed(screen_size)), last.on(Grid::Fixed(displayed)));
     let Extent { width, height } = screen_size;
     let to_eye_arguments = ToEyeArguments { width, height, is_motion: (aov == Aov::Motion).into() };
     let to_eye = match is_late {

@@ -1,10 +1,9 @@
 //! Display resampling from the shared (rectified) projection to each eye's own.
 
 use super::gbuffer::EMISSION;
-use super::polar::screen;
 use super::resources::{DISPLAY, LINEAR, RECTIFIED};
 use super::{Display, FrameSpec};
-use crate::graph::{Kernel, Partition, Pass, Reach, Stage, Use};
+use crate::graph::{Grid, Kernel, Partition, Pass, Reach, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use crate::wgsl::arguments;
@@ -26,13 +25,13 @@ const LATE: Kernel = Kernel::new("late_reprojection");
 /// Returns the pass that resamples a view's finished image for display, if the image is not displayed as rendered.
 pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let Display::Resampled { projection, is_late } = spec.chain.display else { return None };
-    let grid = screen(spec.chain.displayed);
+    let grid = Grid::Fixed(spec.chain.displayed);
     let (stage, partition, kernel) =
         if is_late { ("to_later_eye", LATE_PARTITION, LATE) } else { ("to_eye", PARTITION, Kernel::new("to_eye")) };
     let Extent { width, height } = projection;
     let pass = Pass::new(Stage(stage), view, partition, kernel).on(grid).with([SizeArguments { width, height }]);
     let pass = pass.uses([
-        Use::read(RECTIFIED.on(screen(projection))).reaching(Reach::All),
+        Use::read(RECTIFIED.on(Grid::Fixed(projection))).reaching(Reach::All),
         Use::write(LINEAR.on(grid)),
         Use::write(DISPLAY.on(grid)),
     ]);

@@ -4,8 +4,7 @@ use glam::Vec4;
 
 use super::resources::{DISPLAY, LINEAR, POLAR, RECTIFIED, RECTIFIED_DISPLAY};
 use super::{Declared, Display, FrameSpec, tonemap};
-use crate::graph::{Grid, Kernel, Partition, Pass, Projection, Reach, Resource, Size, Stage, Use};
-use crate::image::Extent;
+use crate::graph::{Grid, Kernel, Partition, Pass, Reach, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::arguments;
 
@@ -29,11 +28,6 @@ fn blur_reach(rows: u32) -> u32 {
     rows.div_ceil(24)
 }
 
-/// Returns the grid of a screen image with this extent and a perspective projection.
-pub fn screen(extent: Extent) -> Grid {
-    Grid { size: Size::Fixed(extent), projection: Projection::Perspective }
-}
-
 /// Adds the passes that blur a view's finished polar image and map it to the screen.
 pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     let Some(space) = spec.chain.polar else { return };
@@ -48,7 +42,7 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
     for pass in [blur(0, Use::read(POLAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
         frame.add_if(kernel.is_some(), "the polar image is not blurred", pass);
     }
-    let grid = screen(spec.chain.screen());
+    let grid = Grid::Fixed(spec.chain.screen());
     let [linear, display] = match spec.chain.display {
         Display::Direct => [LINEAR, DISPLAY],
         Display::Resampled { .. } => [RECTIFIED, RECTIFIED_DISPLAY],

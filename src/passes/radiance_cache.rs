@@ -8,7 +8,7 @@
 use glam::UVec4;
 
 use super::FrameSpec;
-use crate::graph::{Grid, Kernel, Partition, Pass, Reach, Resource, Size, Stage, Use};
+use crate::graph::{Grid, Kernel, Partition, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use crate::wgsl::{Texel, arguments, constants};
@@ -57,7 +57,7 @@ impl Texel for Sums {
 
 /// Returns a resource if frames use the cache, and otherwise a dummy of one texel.
 fn if_used(spec: &FrameSpec, resource: Resource) -> Resource {
-    if spec.caches() { resource } else { resource.on(Grid::table(Size::Fixed(Extent::new(1, 1)))) }
+    if spec.caches() { resource } else { resource.on(Grid::Fixed(Extent::new(1, 1))) }
 }
 
 /// Returns the number of slots, each of which holds a cell: about one for each pixel.
@@ -79,7 +79,7 @@ fn table(spec: &FrameSpec) -> Resource {
 fn records(spec: &FrameSpec) -> Resource {
     let lanes =
         Resource::image::<[u32; (RECORD_WORDS * RECORD_SEGMENT / 2) as usize]>("cache_records").bound_as("records");
-    if_used(spec, lanes.on(Grid::table(Size::FrameColumnsOver(RECORD_SEGMENT))))
+    if_used(spec, lanes.on(Grid::FrameColumnsOver(RECORD_SEGMENT)))
 }
 
 /// Returns the bindings of passes that path trace a view. Paths of other views than the main one record nothing.

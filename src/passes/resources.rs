@@ -3,7 +3,7 @@
 use glam::{UVec4, Vec4};
 
 use super::FrameSpec;
-use crate::graph::{Grid, Resource, Size};
+use crate::graph::{Grid, Resource};
 use crate::image::Extent;
 
 /// Uniform buffer with the views (cameras) and sampling constants of the previous frame. The host writes it.
@@ -35,6 +35,6 @@ pub const DISPLAY: Resource = Resource::image::<u32>("display").output();
 /// frame. In a static scene, the image is a 1×1 dummy.
 pub fn last_surface(spec: &FrameSpec) -> Resource {
     let image = Resource::image::<UVec4>("last_surface");
-    let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
+    let nothing = Grid::Fixed(Extent::new(1, 1));
     if spec.moving.is_some() { image } else { image.on(nothing) }
 }

@@ -4,12 +4,12 @@ use bytemuck::{Pod, Zeroable};
 
 use super::gbuffer::TALLY;
 use super::tonemap::PARTITION;
-use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Size, Stage, Use};
+use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::{Texel, constants};
 
 /// The [`RowTally`] of each row.
-pub const ROW_TALLY: Resource = Resource::image::<RowTally>("row_tally").on(Grid::table(Size::FrameRows)).output();
+pub const ROW_TALLY: Resource = Resource::image::<RowTally>("row_tally").on(Grid::FrameRows).output();
 
 /// Number of pixels that one invocation sums.
 const SEGMENT: u32 = 64;

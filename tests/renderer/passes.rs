@@ -4,7 +4,7 @@
 
 use crate::common::{Stage as Bench, Subject};
 use diptych::graph::{
-    Assignment, Dispatch, Grid, Image, Kernel, Partition, Pass, Reach, Resource, Scope, Size, Stage, Stripes, Use,
+    Assignment, Dispatch, Grid, Image, Kernel, Partition, Pass, Reach, Resource, Scope, Stage, Stripes, Use,
 };
 use diptych::image::Extent;
 use diptych::passes::{Declarations, FrameSpec};
@@ -154,8 +154,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let below = min(y / 3u + 1u, (pass_.height + 2u) / 3u - 1u);
     found[y * pass_.width + id.x] = small[y / 3u * width + id.x / 3u] ^ small[below * width + id.x / 3u];
 }";
-    const SMALL: Resource =
-        Resource::image::<u32>("test small").bound_as("small").on(Grid { size: Size::FrameOver(3), ..Grid::FRAME });
+    const SMALL: Resource = Resource::image::<u32>("test small").bound_as("small").on(Grid::FrameOver(3));
     let grow = |view| {
         let uses = [Use::read(SMALL).halo(1), Use::write(OUT)];
         pass("test grow", view, READS, kernel("test grow", GROW, [5, 1, 3])).uses(uses)

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use petgraph::dot::{Config, Dot};
 
 use super::Table;
-use diptych::graph::{Access, Format, FrameGraph, Linked, Program, Reach, Size, Stage, Task, TaskKind, Use};
+use diptych::graph::{Access, Format, FrameGraph, Grid, Linked, Program, Reach, Stage, Task, TaskKind, Use};
 use diptych::image::Extent;
 use diptych::scene::rig::Eye;
 
@@ -16,7 +16,7 @@ pub fn passes_table(program: &Program) -> Table {
         let pass = &linked.pass;
         let extent = pass.grid.extent(program.extent);
         // Images of one texel stand in for those that the frame does not need.
-        let is_dummy = |used: &Use| used.image.resource.grid.size == Size::Fixed(Extent::new(1, 1));
+        let is_dummy = |used: &Use| used.image.resource.grid == Grid::Fixed(Extent::new(1, 1));
         let has_content = |used: &Use| matches!(used.image.resource.format, Format::Uniform { .. }) || !is_dummy(used);
         let uses = || pass.uses.iter().zip(&linked.images).filter(|(used, _)| has_content(used));
         let of = |is_listed: fn(&Use) -> bool| {

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::*;
-use crate::graph::{Grid, HaloPlan, Image, Kernel, Partition, Pass, Reach, Resource, Seam, Size, Stage, Stripes, Use};
+use crate::graph::{Grid, HaloPlan, Image, Kernel, Partition, Pass, Reach, Resource, Seam, Stage, Stripes, Use};
 use crate::image::Extent;
 
 const EXTENT: Extent = Extent { width: 16, height: 60 };
@@ -62,7 +62,7 @@ fn rows_travel_as_far_as_a_pass_reads() {
 
 #[test]
 fn scaled_grid_scales_transferred_rows() {
-    let half = Grid { size: Size::FrameOver(2), ..Grid::FRAME };
+    let half = Grid::FrameOver(2);
     let small = IMAGE.on(half);
     let passes = vec![
         pass("write", WRITER, [Use::write(small)]).on(half),
@@ -70,7 +70,7 @@ fn scaled_grid_scales_transferred_rows() {
     ];
     // Row 20 of the frame is row 10 of the small image, and row 30 is row 15.
     assert_eq!(transfers(passes, &moved()), HashMap::from([(("image", 0), vec![10..16])]));
-    let sums = Resource::image::<[u32; 2]>("sums").on(Grid::table(Size::FrameRows)).output();
+    let sums = Resource::image::<[u32; 2]>("sums").on(Grid::FrameRows).output();
     assert_eq!((sums.row_bytes(EXTENT), sums.bytes(EXTENT)), (8, 480));
 }
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::{Dispatch, Grid, HaloPlan, Kernel, Size, Use};
+use crate::graph::{Dispatch, Grid, HaloPlan, Kernel, Stage, Use};
 
 const EXTENT: Extent = Extent { width: 16, height: 64 };
 const PARTITION: Partition = Partition("a");
@@ -50,7 +50,7 @@ fn rejects_contradictory_passes() {
     assert_eq!(error(vec![pass(PARTITION, [Use::write(constants)])]), input);
 
     let chain = |chain| pass(PARTITION, [Use::read(A).halo(2), Use::write(B)]).chain(chain);
-    let half = chain(Chain::Planned).on(Grid { size: Size::FrameOver(2), ..Grid::FRAME });
+    let half = chain(Chain::Planned).on(Grid::FrameOver(2));
     let grids = vec![pass(PARTITION, [Use::write(A)]), half, chain(Chain::Margin)];
     assert_eq!(error(grids), ProgramError::Grid { stage });
 }

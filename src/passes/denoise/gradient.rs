@@ -5,7 +5,7 @@
 use glam::Vec2;
 
 use super::PARTITION;
-use crate::graph::{Grid, Kernel, Pass, Resource, Size, Stage, Use};
+use crate::graph::{Grid, Kernel, Pass, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::passes::gbuffer::{GUIDE, HIT};
 use crate::passes::resources::{RADIANCE, last_surface};
@@ -15,7 +15,7 @@ use crate::wgsl::{Constant, arguments, constants};
 
 /// Edge length of a tile in pixels. One pixel per tile is traced again.
 const TILE: u32 = 3;
-const TILES: Grid = Grid { size: Size::FrameOver(TILE), ..Grid::FRAME };
+const TILES: Grid = Grid::FrameOver(TILE);
 
 /// Radius in tiles of the filter that smooths gradients.
 const REACH: u32 = 2;
@@ -52,7 +52,7 @@ fn is_found(spec: &FrameSpec) -> bool {
 /// Returns the image `light_change`, which holds, for each tile, the fraction of its history to drop. If gradients are
 /// not computed, the image is a dummy of one pixel.
 fn change(spec: &FrameSpec) -> Resource {
-    let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
+    let nothing = Grid::Fixed(Extent::new(1, 1));
     Resource::image::<f32>("light_change").on(if is_found(spec) { TILES } else { nothing })
 }
 
