@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let (passes, transfers) = (passes_table(&graph.program), transfers_table(&graph));
     let tasks = graph.dag.node_count();
     let pass_tasks = graph.dag.node_weights().filter(|t| graph.pass(t).is_some()).count();
-    let bytes: u64 = graph.dag.node_weights().map(|t| graph.bytes(t)).sum::<u64>() / 2;
+    let bytes: u64 = graph.dag.node_weights().map(|t| graph.program.bytes(t)).sum::<u64>() / 2;
     if let Some(file) = file {
         atomic_write(file, |out| out.write_all(dot(&graph).as_bytes()))?;
     }

@@ -118,17 +118,6 @@ impl FrameGraph {
             TaskKind::Stitch => None,
         }
     }
-
-    /// Returns the number of bytes that a download or an upload transfers; 0 for other tasks.
-    pub fn bytes(&self, task: &Task) -> u64 {
-        match task.kind {
-            TaskKind::Download { image, .. } | TaskKind::Upload { image, .. } => {
-                let row_bytes = self.program.images()[image].resource.row_bytes(self.program.extent);
-                row_bytes * u64::from(task.rows.end - task.rows.start)
-            }
-            TaskKind::Dispatch { .. } | TaskKind::Stitch => 0,
-        }
-    }
 }
 
 /// Rows whose newest version is on a device. `node` is the task that computed them there or uploaded them. It is `None`
@@ -371,12 +360,10 @@ impl<'a> Builder<'a> {
         let mut of_devices: BTreeMap<usize, (TransferBatch, Vec<Transfer>)> = BTreeMap::new();
         for transfer in self.moved.drain(..) {
             let task = &self.dag[transfer.down];
-            let TaskKind::Download { image, .. } = task.kind else { continue };
-            let row_bytes = self.program.images()[image].resource.row_bytes(self.program.extent);
             let (batch, transfers) =
                 of_devices.entry(task.device).or_insert((TransferBatch { ready: 0, due, bytes: 0 }, vec![]));
             batch.ready = batch.ready.max(task.key.pass);
-            batch.bytes += row_bytes * u64::from(task.rows.end - task.rows.start);
+            batch.bytes += self.program.bytes(task);
             transfers.push(transfer);
         }
         self.batches.extend(of_devices.into_values());
@@ -385,10 +372,10 @@ impl<'a> Builder<'a> {
     /// Schedules the transfer batches. `end` is one past the last pass.
     fn dispatch_batches(&mut self, end: u32) {
         let (batches, transfers): (Vec<_>, Vec<_>) = self.batches.drain(..).unzip();
-        for (trip, transfers) in schedule_batches(&batches, end).into_iter().zip(transfers) {
+        for (schedule, transfers) in schedule_batches(&batches, end).into_iter().zip(transfers) {
             for Transfer { down, up } in transfers {
-                self.dag[down].key.pass = trip.leaves_behind;
-                self.dag[up].key.pass = trip.arrives_before;
+                self.dag[down].key.pass = schedule.leaves_behind;
+                self.dag[up].key.pass = schedule.arrives_before;
             }
         }
     }

@@ -67,15 +67,10 @@ impl Kernel {
         self.foreign_text
     }
 
-    /// Makes a kernel like [`Self::new`] that reads the scene.
-    pub(crate) const fn with_scene(name: &'static str) -> Self {
-        Self::new(name).reading_scene()
-    }
-
     /// Makes a kernel that traces rays. Its workgroups have 8 x 4 invocations: drivers for AMD run workgroups of up to 32
     /// invocations in waves of 32 lanes, in which rays diverge less than in 64, and which may use more registers.
     pub(crate) const fn tracing_rays(name: &'static str) -> Self {
-        Self::with_scene(name).workgroup([8, 4, 1])
+        Self::new(name).reading_scene().workgroup([8, 4, 1])
     }
 
     /// Returns this kernel with read access to the scene.

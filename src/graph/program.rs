@@ -4,8 +4,9 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 
 use super::halo::Seam;
-use super::pass::{Chain, Partition, Pass, Stage};
+use super::pass::{Chain, Partition, Pass};
 use super::resource::{Format, Image, Life, Resource, Scope};
+use super::task::{Task, TaskKind};
 use super::uses::Use;
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -129,17 +130,6 @@ impl Program {
         &self.images
     }
 
-    /// Returns the distinct stages, in the order of their first pass.
-    pub fn stages(&self) -> Vec<Stage> {
-        let mut stages = Vec::new();
-        for linked in &self.passes {
-            if !stages.contains(&linked.pass.stage) {
-                stages.push(linked.pass.stage);
-            }
-        }
-        stages
-    }
-
     /// Returns sets of partitions (groups of passes with the same stripes), in order of execution. Devices wait for one
     /// another between two sets, so the stripes of each set should make all devices end it at the same time.
     pub fn partition_sets(&self) -> &[Vec<Partition>] {
@@ -155,6 +145,16 @@ impl Program {
     pub fn outputs(&self) -> impl Iterator<Item = usize> {
         let is_output = |b: &Bound| b.resource.life == Life::Output && b.resource.scope == Scope::View && !b.is_before;
         self.images.iter().enumerate().filter(move |(_, b)| is_output(b)).map(|(number, _)| number)
+    }
+
+    /// Returns the number of bytes that a download or an upload transfers; 0 for other tasks.
+    pub fn bytes(&self, task: &Task) -> u64 {
+        match task.kind {
+            TaskKind::Download { image, .. } | TaskKind::Upload { image, .. } => {
+                self.images[image].resource.row_bytes(self.extent) * u64::from(task.rows.end - task.rows.start)
+            }
+            TaskKind::Dispatch { .. } | TaskKind::Stitch => 0,
+        }
     }
 
     /// Returns the group of the last pass that writes a resource of a view.
@@ -251,22 +251,17 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
 /// in full have no stripes.
 fn partition_sets(passes: &[Linked]) -> Vec<Vec<Partition>> {
     let first = passes.iter().position(|p| p.pass.halo_rows() > 0).unwrap_or(passes.len());
-    let mut late: Vec<Partition> = Vec::new();
-    let mut early: Vec<Partition> = Vec::new();
-    let add = |set: &mut Vec<Partition>, group| {
-        if !set.contains(&group) {
-            set.push(group);
+    let groups = |passes: &[Linked]| {
+        let mut groups: Vec<Partition> = Vec::new();
+        for pass in passes.iter().map(|p| &p.pass).filter(|p| p.scope == Scope::View) {
+            if !groups.contains(&pass.partition) {
+                groups.push(pass.partition);
+            }
         }
+        groups
     };
-    let groups = |passes: &'_ [Linked]| -> Vec<Partition> {
-        passes.iter().filter(|p| p.pass.scope == Scope::View).map(|p| p.pass.partition).collect()
-    };
-    groups(&passes[first..]).into_iter().for_each(|group| add(&mut late, group));
-    for group in groups(&passes[..first]) {
-        if !late.contains(&group) {
-            add(&mut early, group);
-        }
-    }
+    let (mut early, late) = (groups(&passes[..first]), groups(&passes[first..]));
+    early.retain(|group| !late.contains(group));
     [early, late].into_iter().filter(|set| !set.is_empty()).collect()
 }
 

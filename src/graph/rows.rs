@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 pub fn widen(rows: &Range<u32>, by: u32, height: u32) -> Range<u32> {
-    rows.start.saturating_sub(by)..(rows.end + by).min(height)
+    rows.start.saturating_sub(by)..rows.end.saturating_add(by).min(height)
 }
 
 /// Rescales a range of rows from an image with `from` rows to an image with `to` rows. Adjacent ranges stay adjacent,

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::resource::{Image, Life};
+use super::rows::widen;
 use crate::scene::rig::Eye;
 use crate::wgsl::Texel;
 
@@ -53,7 +54,7 @@ impl Reach {
     pub fn rows(self, own: &Range<u32>, height: u32) -> Range<u32> {
         match self {
             Self::Own => own.clone(),
-            Self::Halo(rows) => own.start.saturating_sub(rows)..own.end.saturating_add(rows).min(height),
+            Self::Halo(rows) => widen(own, rows, height),
             Self::Blocks { size, offset } => {
                 let size = size.max(1);
                 let begin = (own.start + offset) / size * size;

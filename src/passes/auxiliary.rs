@@ -26,7 +26,7 @@ pub const fn image(index: u8) -> Resource {
 }
 
 /// Kernel with a constant for each kind of auxiliary image that the shader names.
-const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
+const KERNEL: Kernel = Kernel::new("aov").reading_scene().with(&[
     ("ALBEDO", Aov::Albedo as u32),
     ("NORMAL", Aov::Normal as u32),
     ("POSITION", Aov::Position as u32),

@@ -127,7 +127,7 @@ fn device_without_rows_receives_the_cache_once() {
             _ => false,
         };
         let uploads: Vec<&Task> = graph.dag.node_weights().filter(is_table).collect();
-        let sent: Vec<_> = uploads.iter().map(|task| (task.device, graph.bytes(task))).collect();
+        let sent: Vec<_> = uploads.iter().map(|task| (task.device, graph.program.bytes(task))).collect();
         // 64x180 pixels have 16,384 slots of 48 bytes.
         assert_eq!(sent, if cache { vec![(1, 16_384 * 48)] } else { Vec::new() });
     }

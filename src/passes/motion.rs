@@ -84,7 +84,7 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
 
 /// Adds the pass that tracks the surfaces of a view back to the previous frame.
 pub fn follow(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
-    let pass = Pass::new(Stage("motion"), view, PARTITION, Kernel::with_scene("motion")).uses([
+    let pass = Pass::new(Stage("motion"), view, PARTITION, Kernel::new("motion").reading_scene()).uses([
         Use::read(HIT),
         Use::read(GUIDE),
         Use::write(last_surface(spec)).named("last_surface_image"),

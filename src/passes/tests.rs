@@ -51,8 +51,16 @@ pub fn all_specs() -> Vec<FrameSpec> {
     specs
 }
 
+/// Returns the distinct stages, in the order of their first pass.
 fn stages(spec: &FrameSpec) -> Vec<&'static str> {
-    Declarations::default().program(spec).stages().into_iter().map(Stage::name).collect()
+    let mut stages = Vec::new();
+    for linked in Declarations::default().program(spec).passes() {
+        let stage = linked.pass.stage.name();
+        if !stages.contains(&stage) {
+            stages.push(stage);
+        }
+    }
+    stages
 }
 
 #[test]

@@ -50,12 +50,6 @@ struct StageOfView {
     work: Work,
 }
 
-impl StageOfView {
-    fn unit(self) -> (Work, Eye) {
-        (self.work, self.view)
-    }
-}
-
 /// Time and work of a pass on one device in a frame.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
@@ -278,7 +272,8 @@ impl CostModel {
     /// Returns the work of a pass on these rows at a relative cost of 1: rays, rows or 1. Rays do not include the fixed
     /// cost of pixels.
     fn units(&self, number: usize, rows: &Range<u32>) -> f64 {
-        self.units_of(self.stages[number].unit(), rows)
+        let StageOfView { work, view, .. } = self.stages[number];
+        self.units_of((work, view), rows)
     }
 
     fn units_of(&self, (work, view): (Work, Eye), rows: &Range<u32>) -> f64 {

@@ -103,8 +103,8 @@ pub fn task_ms(graph: &FrameGraph, model: &CostModel, relative_cost: &RelativeCo
         TaskKind::Dispatch { pass, .. } => {
             model.pass_ms_at(relative_cost, &graph.program.passes()[pass].pass, task.device, &task.rows)
         }
-        TaskKind::Download { .. } => model.download_ms(task.device, graph.bytes(task)),
-        TaskKind::Upload { .. } => model.upload_ms(task.device, graph.bytes(task)),
+        TaskKind::Download { .. } => model.download_ms(task.device, graph.program.bytes(task)),
+        TaskKind::Upload { .. } => model.upload_ms(task.device, graph.program.bytes(task)),
         TaskKind::Stitch => 0.0,
     }
 }
@@ -170,7 +170,7 @@ impl<'a> Play<'a> {
         let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
         let (from, task) = (self.graph.dag[download].device, &self.graph.dag[node]);
         let sent_ms = self.played[download.index()]?.end_ms;
-        let bytes = self.graph.bytes(task);
+        let bytes = self.graph.program.bytes(task);
         let at_ms = self.model.network.arrival_ms(&mut self.traffic, from, task.device, bytes, sent_ms);
         Some((Free { at_ms, cause: Some(download) }, sent_ms))
     }

@@ -243,13 +243,10 @@ mod tests {
 
     /// Teaches the model that every pass takes 1 ms per row, over all its runs.
     fn learned(graph: &FrameGraph, mut model: CostModel, devices: usize) -> CostModel {
-        let stage = |device, task: &Task| match task.kind {
-            TaskKind::Dispatch { pass, .. } => {
-                let pass = &graph.program.passes()[pass].pass;
-                let (rows, busy_ms) = (task.rows.clone(), task.rows.len() as f64);
-                Some(StageCost { stage: pass.stage, view: pass.view, device, rows, busy_ms })
-            }
-            _ => None,
+        let stage = |device, task: &Task| {
+            let pass = &graph.pass(task)?.pass;
+            let (rows, busy_ms) = (task.rows.clone(), task.rows.len() as f64);
+            Some(StageCost { stage: pass.stage, view: pass.view, device, rows, busy_ms })
         };
         let stages = (0..devices).flat_map(|d| graph.tasks_of(d).iter().filter_map(move |task| stage(d, task)));
         let rays = [0, 1].map(|_| vec![20 * EXTENT.width; EXTENT.height as usize]);
@@ -262,13 +259,12 @@ mod tests {
     fn submissions(graph: &FrameGraph, device: usize, splits: &[Split], spp: u32) -> Vec<f64> {
         let mut all = vec![0.0];
         for (number, task) in graph.parts_of(device).0.iter().enumerate() {
-            let TaskKind::Dispatch { pass, .. } = task.kind else {
+            let Some(linked) = graph.pass(task) else {
                 all.push(0.0);
                 continue;
             };
-            let launches = &graph.program.passes()[pass].pass.launches;
-            let samples: Vec<f64> =
-                PixelSamples::own(0..spp, true).runs(launches).map(|run| run.samples.into()).collect();
+            let runs = PixelSamples::own(0..spp, true).runs(&linked.pass.launches);
+            let samples: Vec<f64> = runs.map(|run| run.samples.into()).collect();
             let rows_to = |at: Position| {
                 let begun = &samples[..samples.len().min(at.run as usize)];
                 let here = samples.get(at.run as usize).map_or(0.0, |s| s * f64::from(at.row - task.rows.start));
@@ -320,10 +316,7 @@ mod tests {
         let (graph, model) = frame(1);
         let pixels = f64::from(EXTENT.width * EXTENT.height);
         let found = |bound_ms| splits(&graph, &model, 0, bound_ms, PixelSamples::own(0..4, true));
-        let kernel_of = |task: usize| match graph.parts_of(0).0[task].kind {
-            TaskKind::Dispatch { pass, .. } => graph.program.passes()[pass].pass.kernel.name,
-            _ => "",
-        };
+        let kernel_of = |task: usize| graph.pass(&graph.tasks_of(0)[task]).map_or("", |linked| linked.pass.kernel.name);
         // Only path tracing, and antialiasing of the right eye's surfaces, take more than one sample per pixel.
         let Splits { ends, probes, .. } = found(2.0 * pixels * UNKNOWN_PATH_MS);
         assert_eq!(
@@ -346,8 +339,7 @@ mod tests {
         for (number, task) in graph.parts_of(0).0.iter().enumerate() {
             let parts = parts(&splits, number, &task.rows);
             let rows: Vec<u32> = parts.iter().map(|p| p.start.row).collect();
-            let TaskKind::Dispatch { pass, .. } = graph.parts_of(0).0[number].kind else { unreachable!() };
-            let step = step(&graph.program.passes()[pass].pass).unwrap();
+            let step = step(&graph.pass(task).unwrap().pass).unwrap();
             let expected: Vec<u32> = (0..EXTENT.height).step_by(step as usize).collect();
             // A submission ends before every task but the first.
             assert_eq!(rows[usize::from(number > 0)..], expected, "task {number}");

@@ -87,7 +87,7 @@ impl World {
                         costs.stages.push(StageCost { stage: pass.stage, view: task.view, device, rows, busy_ms });
                     }
                     TaskKind::Download { .. } | TaskKind::Upload { .. } => {
-                        let bytes = graph.bytes(task);
+                        let bytes = graph.program.bytes(task);
                         let is_upload = matches!(task.kind, TaskKind::Upload { .. });
                         let ms = LATENCY_MS + MS_PER_BYTE * bytes as f64;
                         costs.transfers.push(TransferCost { device, is_upload, bytes, ms });

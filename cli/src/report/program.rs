@@ -89,7 +89,7 @@ pub fn transfers_table(graph: &FrameGraph) -> Table {
         if let TaskKind::Download { image, .. } = task.kind {
             let (count, rows, bytes) = sums.entry(image).or_default();
             (*count, *rows) = (*count + 1, *rows + u64::from(task.rows.end - task.rows.start));
-            *bytes += graph.bytes(task);
+            *bytes += graph.program.bytes(task);
         }
     }
     let row = |(image, (count, rows, bytes)): (usize, (u64, u64, u64))| {
