@@ -4,6 +4,7 @@ mod predictions;
 
 use proptest::prelude::*;
 
+use super::balance::step_rows;
 use super::*;
 use crate::graph::{Assignment, FrameGraph, HaloPlan, Partition, Pass, Seam, Stripes, TaskKind};
 use crate::image::Extent;
