@@ -89,7 +89,7 @@ fn main() {
         };
         planned = Some((assignment, Arc::clone(&graph)));
         let begin = Instant::now();
-        std::hint::black_box(simulate(&graph, &model).expect("a graph of the builder"));
+        std::hint::black_box(simulate(&graph, &model));
         let predict_ms = ms(begin);
         let costs = costs(&spec, &graph, frame);
         let begin = Instant::now();

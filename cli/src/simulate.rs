@@ -162,7 +162,7 @@ pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph
         assignment = next;
     }
     let graph = FrameGraph::build(model.program(), &assignment, None);
-    let prediction = simulate(&graph, model).map_err(|e| Failure::Run(e.into()))?;
+    let prediction = simulate(&graph, model);
     Ok((graph, prediction))
 }
 

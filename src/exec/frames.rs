@@ -16,7 +16,7 @@ use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally, Tas
 use crate::device::DeviceFailure;
 use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
-use crate::schedule::{Network, Splits};
+use crate::schedule::{Network, Prediction, Splits};
 
 /// An attempt at a frame.
 #[derive(Clone, Copy)]
@@ -196,11 +196,12 @@ impl Frames {
         });
     }
 
-    /// Records the predicted makespan of the frame that was dispatched last, `None` if it is unknown, and the predicted
-    /// time of each device's tasks.
-    pub fn predict_last(&mut self, makespan_ms: Option<f64>, tasks_ms: Vec<Vec<f64>>) {
+    /// Records the prediction of the frame that was dispatched last. The makespan of frames that overlap is unknown.
+    pub fn predict_last(&mut self, prediction: Prediction) {
         if let Some(frame) = self.in_flight.back_mut() {
-            (frame.report.predicted_ms, frame.tasks_ms) = (makespan_ms, tasks_ms);
+            let report = &mut frame.report;
+            report.predicted_ms = Some(prediction.makespan_ms).filter(|_| !report.overlapped);
+            frame.tasks_ms = prediction.tasks_ms;
         }
     }
 

@@ -16,6 +16,6 @@ impl Renderer {
         let (last, _) = self.planned.as_ref().filter(|_| self.costs.has_learned())?;
         let left = self.frames.devices_left();
         let graph = self.planner.next_graph(&self.costs, &left, quality.most_iterations(), last);
-        simulate_at(&graph, &self.costs, relative_cost).ok().map(|p| p.makespan_ms)
+        Some(simulate_at(&graph, &self.costs, relative_cost).makespan_ms)
     }
 }

@@ -22,7 +22,7 @@ use crate::image::Extent;
 use crate::layout;
 use crate::samples::PixelSamples;
 use crate::scene::rig::Rig;
-use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, simulate, splits, task_ms};
+use crate::schedule::{CostModel, FrameCosts, Policy, RelativeCost, simulate, splits};
 use crate::stages::{Place, StageError};
 use crate::tables::SceneTables;
 
@@ -371,14 +371,9 @@ impl Renderer {
         };
         self.frames.dispatch_frame(inputs, (&plan, Arc::clone(&graph)), splits, report, attempt);
         // The prediction runs while the devices are busy.
-        let known = self.costs.has_learned();
-        let predicted = (known && !overlapped).then(|| simulate(&graph, &self.costs).ok()).flatten();
-        let tasks_ms = |device| {
-            let tasks = graph.tasks_of(device).iter();
-            tasks.map(|task| task_ms(&graph, &self.costs, self.costs.relative_cost(), task)).collect()
-        };
-        let tasks_ms = if known { (0..graph.devices()).map(tasks_ms).collect() } else { Vec::new() };
-        self.frames.predict_last(predicted.map(|p| p.makespan_ms), tasks_ms);
+        if self.costs.has_learned() {
+            self.frames.predict_last(simulate(&graph, &self.costs));
+        }
         self.planned = Some((plan, graph));
     }
 }

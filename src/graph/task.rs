@@ -51,6 +51,17 @@ pub enum TimedTask {
     Upload,
 }
 
+impl TimedTask {
+    /// Returns the name in reports: that of the stage, `download` or `upload`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gpu(stage) => stage.name(),
+            Self::Download => "download",
+            Self::Upload => "upload",
+        }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Task {
     pub kind: TaskKind,

@@ -23,7 +23,7 @@ pub use halo::choose_halo;
 pub use network::Network;
 pub use policy::{Even, Policy, RatioRule, Static};
 pub use relative_cost::RelativeCost;
-pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, Stuck, simulate, simulate_at, task_ms};
+pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, simulate, simulate_at};
 pub use splits::{Divisible, Position, Split, Splits, UNKNOWN_PATH_MS, parts, rows_in, splits};
 
 #[cfg(test)]

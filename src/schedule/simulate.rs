@@ -21,6 +21,8 @@ use crate::scene::rig::Eye;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     pub makespan_ms: f64,
+    /// Times of each device's tasks in execution order, without waits.
+    pub tasks_ms: Vec<Vec<f64>>,
     /// Time that each device spends in stages.
     pub busy_ms: Vec<f64>,
     /// Host time in transfers, summed over all devices.
@@ -71,46 +73,20 @@ impl Limit {
 /// Fraction of the makespan up to which losses are ignored and the limit is [`Limit::Work`].
 pub const LOSS_SHARE: f64 = 0.05;
 
-/// Deadlock: a device waits for rows that are only sent later.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("deadlock: device {device} waits forever for the rows of transfer {transfer}")]
-pub struct Stuck {
-    pub device: usize,
-    pub transfer: u32,
-}
-
 /// Predicts the timing of a frame with this graph, at the relative cost of the frames that the model plans.
-///
-/// # Errors
-/// [`Stuck`] if a task depends on one that comes after it. Graphs of [`FrameGraph::build`] have no such task.
-pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stuck> {
+pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Prediction {
     simulate_at(graph, model, model.relative_cost())
 }
 
 /// Predicts the timing of a frame with this graph at another relative cost.
-///
-/// # Errors
-/// Errors of [`simulate`].
-pub fn simulate_at(graph: &FrameGraph, model: &CostModel, relative_cost: &RelativeCost) -> Result<Prediction, Stuck> {
+pub fn simulate_at(graph: &FrameGraph, model: &CostModel, relative_cost: &RelativeCost) -> Prediction {
     let mut play = Play::new(graph, model, relative_cost);
-    graph.order().iter().try_for_each(|&node| play.play(node))?;
-    Ok(play.conclude())
-}
-
-/// Returns the predicted time of a task in a frame of this relative cost, without waits.
-pub fn task_ms(graph: &FrameGraph, model: &CostModel, relative_cost: &RelativeCost, task: &Task) -> f64 {
-    match task.kind {
-        TaskKind::Dispatch { pass, .. } => {
-            model.pass_ms_at(relative_cost, &graph.program.passes()[pass].pass, task.device, &task.rows)
-        }
-        TaskKind::Download { .. } => model.download_ms(task.device, graph.program.bytes(task)),
-        TaskKind::Upload { .. } => model.upload_ms(task.device, graph.program.bytes(task)),
-        TaskKind::Stitch => 0.0,
-    }
+    graph.order().iter().for_each(|&node| play.play(node));
+    play.conclude()
 }
 
 /// A task that has been simulated.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Played {
     begin_ms: f64,
     end_ms: f64,
@@ -145,8 +121,9 @@ struct Play<'a> {
     model: &'a CostModel,
     relative_cost: &'a RelativeCost,
     clocks: Vec<Clock>,
-    /// The simulated tasks by node.
-    played: Vec<Option<Played>>,
+    /// The tasks by node. Tasks are simulated in the common order, thus after those that they depend on.
+    played: Vec<Played>,
+    tasks_ms: Vec<Vec<f64>>,
     busy_ms: Vec<f64>,
     transfer_ms: f64,
     traffic: Traffic,
@@ -160,22 +137,37 @@ impl<'a> Play<'a> {
         };
         let devices = graph.devices();
         let clocks = (0..devices).map(clock).collect();
-        let played = vec![None; graph.dag.node_count()];
+        let played = vec![Played::default(); graph.dag.node_count()];
+        let tasks_ms = (0..devices).map(|device| Vec::with_capacity(graph.tasks_of(device).len())).collect();
         let (busy_ms, traffic) = (vec![0.0; devices], Traffic::default());
-        Self { graph, model, relative_cost, clocks, played, busy_ms, transfer_ms: 0.0, traffic }
+        Self { graph, model, relative_cost, clocks, played, tasks_ms, busy_ms, transfer_ms: 0.0, traffic }
+    }
+
+    /// Returns the time of a task without waits.
+    fn task_ms(&self, task: &Task) -> f64 {
+        match task.kind {
+            TaskKind::Dispatch { pass, .. } => {
+                let pass = &self.graph.program.passes()[pass].pass;
+                self.model.pass_ms_at(self.relative_cost, pass, task.device, &task.rows)
+            }
+            TaskKind::Download { .. } => self.model.download_ms(task.device, self.graph.program.bytes(task)),
+            TaskKind::Upload { .. } => self.model.upload_ms(task.device, self.graph.program.bytes(task)),
+            TaskKind::Stitch => 0.0,
+        }
     }
 
     /// Returns the time at which the rows of an upload have arrived, and the time at which they left their device.
-    fn come(&mut self, node: NodeIndex) -> Option<(Free, f64)> {
-        let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
+    fn come(&mut self, node: NodeIndex) -> (Free, f64) {
+        let mut before = self.graph.dag.neighbors_directed(node, Direction::Incoming);
+        let download = before.next().expect("every upload follows its download");
         let (from, task) = (self.graph.dag[download].device, &self.graph.dag[node]);
-        let sent_ms = self.played[download.index()]?.end_ms;
+        let sent_ms = self.played[download.index()].end_ms;
         let bytes = self.graph.program.bytes(task);
         let at_ms = self.model.network.arrival_ms(&mut self.traffic, from, task.device, bytes, sent_ms);
-        Some((Free { at_ms, cause: Some(download) }, sent_ms))
+        (Free { at_ms, cause: Some(download) }, sent_ms)
     }
 
-    fn play(&mut self, node: NodeIndex) -> Result<(), Stuck> {
+    fn play(&mut self, node: NodeIndex) {
         let task = &self.graph.dag[node];
         let device = task.device;
         let Clock { queue, host, gate, .. } = self.clocks[device];
@@ -183,19 +175,20 @@ impl<'a> Play<'a> {
         let from = match task.kind {
             TaskKind::Dispatch { .. } => queue.or_later(gate),
             TaskKind::Download { .. } | TaskKind::Stitch => queue.or_later(host),
-            TaskKind::Upload { transfer, .. } => {
-                let (come, sent_ms) = self.come(node).ok_or(Stuck { device, transfer })?;
+            TaskKind::Upload { .. } => {
+                let (come, sent_ms) = self.come(node);
                 if come.at_ms >= host.at_ms {
                     left_ms = sent_ms;
                 }
                 come.or_later(host)
             }
         };
-        let ms = task_ms(self.graph, self.model, self.relative_cost, task);
+        let ms = self.task_ms(task);
+        self.tasks_ms[device].push(ms);
         let gap_ms = if matches!(task.kind, TaskKind::Dispatch { .. }) { self.model.gap_ms(device) } else { 0.0 };
         let end_ms = from.at_ms + gap_ms + ms;
         let end = Free { at_ms: end_ms, cause: Some(node) };
-        self.played[node.index()] = Some(Played { begin_ms: from.at_ms.min(left_ms), end_ms, cause: from.cause });
+        self.played[node.index()] = Played { begin_ms: from.at_ms.min(left_ms), end_ms, cause: from.cause };
         let clock = &mut self.clocks[device];
         clock.last = Some(node);
         match task.kind {
@@ -214,23 +207,23 @@ impl<'a> Play<'a> {
             }
             TaskKind::Stitch => {}
         }
-        Ok(())
     }
 
     fn conclude(self) -> Prediction {
         let stitch = self.clocks[self.graph.primary].last;
-        let end_ms = stitch.and_then(|node| self.played[node.index()]).map_or(0.0, |stitch| stitch.end_ms);
+        let end_ms = stitch.map_or(0.0, |node| self.played[node.index()].end_ms);
         let critical_path = self.path_to(stitch);
         let makespan_ms = end_ms + self.model.tail_ms();
         let limit = self.limit(makespan_ms, &critical_path);
-        Prediction { makespan_ms, busy_ms: self.busy_ms, transfer_ms: self.transfer_ms, critical_path, limit }
+        let Self { tasks_ms, busy_ms, transfer_ms, .. } = self;
+        Prediction { makespan_ms, tasks_ms, busy_ms, transfer_ms, critical_path, limit }
     }
 
     fn path_to(&self, mut at: Option<NodeIndex>) -> Vec<Step> {
         let mut path = Vec::new();
-        while let Some((node, played)) = at.and_then(|node| Some((node, self.played[node.index()]?))) {
+        while let Some(node) = at {
             let task = &self.graph.dag[node];
-            let Played { begin_ms, end_ms, cause } = played;
+            let Played { begin_ms, end_ms, cause } = self.played[node.index()];
             let step = |kind| Step { kind, view: task.view, device: task.device, begin_ms, end_ms };
             path.extend(self.graph.timed(task).map(step));
             at = cause;
@@ -266,7 +259,7 @@ impl<'a> Play<'a> {
         let program = &self.graph.program;
         let mut passes = vec![(0.0, 0.0); program.passes().len()];
         for (task, played) in self.graph.dag.node_weights().zip(&self.played) {
-            let (TaskKind::Dispatch { pass, .. }, Some(played)) = (&task.kind, played) else { continue };
+            let TaskKind::Dispatch { pass, .. } = &task.kind else { continue };
             passes[*pass].0 += f64::from(task.rows.end - task.rows.start);
             passes[*pass].1 += played.end_ms - played.begin_ms;
         }

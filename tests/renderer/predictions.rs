@@ -63,15 +63,14 @@ fn predictions_use_previous_costs_and_relative_cost() {
         let before = stage.renderer().costs().clone();
         let report = stage.frame(index as u32).report;
         let graph = FrameGraph::build(&report.program, &report.assignment, None);
-        let of = |costs: &CostModel, relative_cost: &RelativeCost| {
-            simulate_at(&graph, costs, relative_cost).unwrap().makespan_ms
-        };
+        let of =
+            |costs: &CostModel, relative_cost: &RelativeCost| simulate_at(&graph, costs, relative_cost).makespan_ms;
         assert_close(report.predicted_ms, (index > 0).then(|| of(&before, &relative_cost)));
         // Predictions before the frame were for its stripes, at any quality, and for the halo plan of that time.
         if let Some((predicted, seam)) = ahead {
             let program = Declarations::default().program(&FrameSpec { seam, ..report.spec.clone() });
             let graph = FrameGraph::build(&program, &report.assignment, None);
-            let of = |other: f64| simulate_at(&graph, &before, &work(other)).unwrap().makespan_ms;
+            let of = |other: f64| simulate_at(&graph, &before, &work(other)).makespan_ms;
             let expected = OTHERS.map(|other| Some(of(other)));
             predicted.iter().zip(expected).for_each(|(found, expected)| assert_close(*found, expected));
         }

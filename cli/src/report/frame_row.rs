@@ -101,12 +101,7 @@ impl StageSum {
     fn of(tasks: &[TaskTiming]) -> Vec<Self> {
         let mut sums: Vec<Self> = Vec::new();
         for &TaskTiming { kind, view, device, begin_ms, end_ms, bytes, .. } in tasks {
-            let stage = match kind {
-                TimedTask::Gpu(stage) => stage.name(),
-                TimedTask::Download => "download",
-                TimedTask::Upload => "upload",
-            };
-            let busy_ms = end_ms - begin_ms;
+            let (stage, busy_ms) = (kind.name(), end_ms - begin_ms);
             match sums.iter_mut().find(|s| (s.stage, s.view, s.device) == (stage, view, device)) {
                 Some(sum) => {
                     sum.busy_ms += busy_ms;

@@ -225,7 +225,7 @@ mod tests {
         ];
         let (makespan_ms, busy_ms, limit) = (50.0, vec![45.0, 15.0], Limit::Imbalance);
         SimulationRow::new(
-            &Prediction { makespan_ms, busy_ms, transfer_ms: 4.0, critical_path, limit },
+            &Prediction { makespan_ms, tasks_ms: Vec::new(), busy_ms, transfer_ms: 4.0, critical_path, limit },
             &[1.0; 2],
             90.0,
             Some(60.0),

@@ -144,7 +144,7 @@ fn simulate(
             let program = registered().program(&FrameSpec { devices, ..spec });
             let model = turns.renderers[measured].costs().on_devices(&program, &vec![1.0; devices]);
             let (graph, prediction) = predict(&arrangement.distributed(own.clone(), devices), &model)?;
-            let times = vec![FrameTimes::simulated(&graph, &model, &prediction)];
+            let times = vec![FrameTimes::simulated(&graph, &prediction)];
             let others = Measures::from([("views", loaded.shot.rig.views as f64)]);
             found.push(Found { times, others, ..Found::default() });
         }

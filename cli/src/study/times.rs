@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 
 use crate::report::median_of;
 use crate::report::statistics::mean_of_some;
-use diptych::exec::{FrameReport, TimedTask};
-use diptych::graph::{FrameGraph, TaskKind};
-use diptych::schedule::{CostModel, Prediction, task_ms};
+use diptych::exec::FrameReport;
+use diptych::graph::FrameGraph;
+use diptych::schedule::Prediction;
 use diptych::trace::summary::median;
 
 /// Names under which transfers from and to a device count as its stages.
@@ -22,29 +22,15 @@ pub struct FrameTimes {
 
 impl FrameTimes {
     pub fn measured(frame: &FrameReport) -> Self {
-        let times = frame.tasks.iter().map(|task| {
-            let stage = match task.kind {
-                TimedTask::Gpu(stage) => stage.name(),
-                TimedTask::Download => TRANSFERS[0],
-                TimedTask::Upload => TRANSFERS[1],
-            };
-            (task.device, stage, task.end_ms - task.begin_ms)
-        });
+        let times = frame.tasks.iter().map(|task| (task.device, task.kind.name(), task.end_ms - task.begin_ms));
         Self::new(frame.makespan_ms, frame.assignment.devices(), times)
     }
 
-    /// Returns the times of a simulated frame: the makespan of the `prediction`, and the times that the `model`
-    /// predicts for the tasks of the `graph`.
-    pub fn simulated(graph: &FrameGraph, model: &CostModel, prediction: &Prediction) -> Self {
-        let times = (0..graph.devices()).flat_map(|device| graph.tasks_of(device)).filter_map(|task| {
-            let stage = match task.kind {
-                TaskKind::Dispatch { pass, .. } => graph.program.passes()[pass].pass.stage.name(),
-                TaskKind::Download { .. } => TRANSFERS[0],
-                TaskKind::Upload { .. } => TRANSFERS[1],
-                TaskKind::Stitch => return None,
-            };
-            Some((task.device, stage, task_ms(graph, model, model.relative_cost(), task)))
-        });
+    /// Returns the predicted times of a frame with this graph.
+    pub fn simulated(graph: &FrameGraph, prediction: &Prediction) -> Self {
+        let tasks = (0..graph.devices()).flat_map(|device| graph.tasks_of(device));
+        let times = tasks.zip(prediction.tasks_ms.iter().flatten());
+        let times = times.filter_map(|(task, ms)| Some((task.device, graph.timed(task)?.name(), *ms)));
         Self::new(prediction.makespan_ms, graph.devices(), times)
     }
 

@@ -79,7 +79,7 @@ impl Replay<'_> {
             let predict = |rung: usize| {
                 let known = model.has_learned();
                 let predicted = known.then(|| simulate_at(&graphs[rung], &model, &recording.relative_costs[rung]));
-                predicted.map_or(f64::NAN, |p| p.unwrap().makespan_ms)
+                predicted.map_or(f64::NAN, |p| p.makespan_ms)
             };
             let rung = controller.next(&predict).rung;
             let predicted_ms = predict(rung);
