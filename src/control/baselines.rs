@@ -3,7 +3,7 @@
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
-use super::{Budget, Control, Controller, Decision, Ladder, Predict};
+use super::{Budget, Control, Controller, Decision, Ladder};
 
 /// A controller by its name: `diptych`, `vlachos`, `unreal`, `pid`, `pinned:N` for rung N alone, or `turns:N` for N frames
 /// on each rung in turn.
@@ -104,10 +104,10 @@ struct Baseline<R> {
 }
 
 impl<R: Rule> Control for Baseline<R> {
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+    fn next(&mut self, predict: &dyn Fn(usize) -> f64) -> Decision {
         let rung = self.rule.choose(&self.base);
         self.base.rung = rung;
-        let predicted_ms = predictor.makespan_ms(rung);
+        let predicted_ms = predict(rung);
         let is_known = predicted_ms.is_finite() && predicted_ms > 0.0;
         let expected_ms = if is_known { predicted_ms } else { self.base.times_ms[rung] };
         Decision { rung, expected_ms, fits: rung > 0 || expected_ms <= self.base.budget_ms }

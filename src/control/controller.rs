@@ -35,23 +35,11 @@ const IN_FLIGHT: usize = 16;
 /// Maximum ratio of a measured to a predicted time. Clocks and predictors that are off by more are broken.
 const RATIO_MAX: f64 = 1e3;
 
-/// Predicts frame times.
-pub trait Predict {
-    /// Predicts the makespan of the next frame on this rung, in ms. The ladder's own measurement replaces any value
-    /// that is not positive and finite.
-    fn makespan_ms(&self, rung: usize) -> f64;
-}
-
-impl<F: Fn(usize) -> f64> Predict for F {
-    fn makespan_ms(&self, rung: usize) -> f64 {
-        self(rung)
-    }
-}
-
 /// Chooses the rungs of a run's frames.
 pub trait Control: Send {
-    /// Picks the rung of the next frame.
-    fn next(&mut self, predictor: &dyn Predict) -> Decision;
+    /// Picks the rung of the next frame. `predict` returns the makespan of the next frame on a rung, in ms. The ladder's
+    /// own measurement replaces any value that is not positive and finite.
+    fn next(&mut self, predict: &dyn Fn(usize) -> f64) -> Decision;
 
     /// Adds the time of a finished frame. A [`Session`](crate::Session) passes its whole time, which is its makespan and
     /// the host's time before and after.
@@ -210,10 +198,10 @@ impl Control for Controller {
         }
     }
 
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+    fn next(&mut self, predict: &dyn Fn(usize) -> f64) -> Decision {
         let times_ms = &self.times_ms;
         let predicted_ms = |rung: usize| {
-            let ms = predictor.makespan_ms(rung);
+            let ms = predict(rung);
             if ms.is_finite() && ms > 0.0 { ms } else { times_ms[rung] }
         };
         let excess = self.excess(predicted_ms);

@@ -19,7 +19,7 @@ pub use builtin::{
     BOUNCES, BlurErrors, ESTIMATES_EV, MOST_ITERATIONS, TRACING, candidates, guessed_error, guessed_paths,
     guessed_relative_cost, lack_path_times, relative_costs,
 };
-pub use controller::{Control, Controller, Decision, LATE, Predict, QUIET};
+pub use controller::{Control, Controller, Decision, LATE, QUIET};
 pub use front::{front, mean_error};
 pub use ladder::{Ladder, LadderError, MIN_STEP, Origin, STEEPEST};
 pub use rung::{Measure, Rung, mix};

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use diptych::control::{Budget, Control, Decision, Predict, relative_costs};
+use diptych::control::{Budget, Control, Decision, relative_costs};
 use diptych::{LoadedScene, Renderer, Session};
 
 /// Predictions for the first rung, and observed times.
@@ -11,8 +11,8 @@ use diptych::{LoadedScene, Renderer, Session};
 struct Seen(Arc<Mutex<(Vec<f64>, Vec<f64>)>>);
 
 impl Control for Seen {
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
-        let predicted_ms = predictor.makespan_ms(0);
+    fn next(&mut self, predict: &dyn Fn(usize) -> f64) -> Decision {
+        let predicted_ms = predict(0);
         self.0.lock().unwrap().0.push(predicted_ms);
         Decision { rung: 0, expected_ms: predicted_ms, fits: true }
     }

@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use super::args::Args;
 use crate::failure::Failure;
-use diptych::control::{Budget, Control, Decision, Predict};
+use diptych::control::{Budget, Control, Decision};
 use diptych::frame::Disturbance;
 use diptych::frame::settings::{Group, Setting, Settings};
 
@@ -100,9 +100,9 @@ impl Replay {
 }
 
 impl Control for Replay {
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+    fn next(&mut self, predict: &dyn Fn(usize) -> f64) -> Decision {
         let rung = self.rungs.pop_front().unwrap_or(0);
-        Decision { rung, expected_ms: predictor.makespan_ms(rung), fits: true }
+        Decision { rung, expected_ms: predict(rung), fits: true }
     }
 
     fn observe(&mut self, _rung: usize, _makespan_ms: f64) {}

@@ -6,7 +6,7 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::intern;
 use pyo3::prelude::*;
 
-use diptych::control::{Budget, Control, Decision, Ladder, Predict};
+use diptych::control::{Budget, Control, Decision, Ladder};
 
 /// Exceptions of callbacks, which surface once the library has returned.
 #[derive(Clone, Default)]
@@ -77,9 +77,9 @@ impl Controller {
 
 impl Control for Controller {
     /// Returns the cheapest rung if the object fails; the caller then finds the exception in [`Raised`].
-    fn next(&mut self, predictor: &dyn Predict) -> Decision {
+    fn next(&mut self, predict: &dyn Fn(usize) -> f64) -> Decision {
         let predicted = |(rung, known_ms): (usize, &f64)| {
-            let ms = predictor.makespan_ms(rung);
+            let ms = predict(rung);
             if ms.is_finite() && ms > 0.0 { ms } else { *known_ms }
         };
         let predicted_ms: Vec<f64> = self.times_ms.iter().enumerate().map(predicted).collect();

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use diptych::control::{Budget, Control, ControllerKind, Decision, LATE, Predict};
+use diptych::control::{Budget, Control, ControllerKind, Decision, LATE};
 
 use crate::effort::{is_thorough, sampled};
 
@@ -126,7 +126,7 @@ fn plan(recording: &Recording, budget_ms: f64, schedule: Schedule<'_>) -> (Vec<u
 }
 
 impl Control for Oracle {
-    fn next(&mut self, _predictor: &dyn Predict) -> Decision {
+    fn next(&mut self, _predict: &dyn Fn(usize) -> f64) -> Decision {
         self.frame += 1;
         Decision { rung: self.plan[self.frame - 1], expected_ms: f64::NAN, fits: true }
     }
