@@ -14,7 +14,8 @@ use std::collections::{BTreeMap, HashMap};
 
 use serde::{Deserialize, Serialize};
 
-use super::work::{Frame, Task};
+use super::Lane;
+use super::work::{Frame, Order, Task};
 
 /// Tolerance for comparing times of device work with times of transfers, microseconds. The two come from different
 /// clocks, which agree to some tens of microseconds, so a task may seem to begin before its predecessor has ended.
@@ -82,15 +83,15 @@ pub struct Stretch<'a> {
 
 /// Returns the critical path in order of time; empty without tasks. Waits of zero length are omitted.
 pub fn critical_path<'a>(frame: &Frame<'a>) -> Vec<Stretch<'a>> {
-    let order = Order::of(&frame.tasks);
-    let Some(mut current) = order.last() else { return Vec::new() };
+    let index = TaskIndex::of(&frame.tasks);
+    let Some(mut current) = index.latest(0..frame.tasks.len()) else { return Vec::new() };
     let mut until_us = frame.time.end_us;
     let mut backwards = Backwards(Vec::new());
     let last = frame.tasks[current];
     backwards.push(What::Wait(Wait::End), last.pid, last.end_us, &mut until_us);
     loop {
         let task = frame.tasks[current];
-        let before = order.predecessor(current);
+        let before = index.predecessor(current);
         let earliest_us = before.map_or(frame.time.begin_us, |b| frame.tasks[b].end_us);
         backwards.push(What::Task(task), task.pid, task.begin_us.max(earliest_us), &mut until_us);
         let wait = before.map_or(Wait::Start, |b| Wait::between(frame.tasks[b], task));
@@ -119,7 +120,7 @@ impl<'a> Backwards<'a> {
 
 /// Tasks of a frame, indexed for finding predecessors. Tasks are given by index in `tasks`, which is sorted by begin
 /// time.
-struct Order<'a> {
+struct TaskIndex<'a> {
     tasks: &'a [&'a Task],
     /// Tasks of each device, in order of end.
     by_end: HashMap<u32, Vec<usize>>,
@@ -128,7 +129,7 @@ struct Order<'a> {
     by_number: BTreeMap<(u32, u64), usize>,
 }
 
-impl<'a> Order<'a> {
+impl<'a> TaskIndex<'a> {
     fn of(tasks: &'a [&'a Task]) -> Self {
         let mut by_end: HashMap<u32, Vec<usize>> = HashMap::new();
         let mut downloads = HashMap::new();
@@ -138,7 +139,7 @@ impl<'a> Order<'a> {
                 by_number.insert((task.pid, order.number), i);
             }
             by_end.entry(task.pid).or_default().push(i);
-            if let (super::Lane::Download, Some(transfer)) = (task.lane, task.transfer) {
+            if let (Lane::Download, Some(transfer)) = (task.lane, task.transfer) {
                 downloads.insert(transfer, i);
             }
         }
@@ -146,10 +147,6 @@ impl<'a> Order<'a> {
             device.sort_by(|&a, &b| tasks[a].end_us.total_cmp(&tasks[b].end_us));
         }
         Self { tasks, by_end, downloads, by_number }
-    }
-
-    fn last(&self) -> Option<usize> {
-        (0..self.tasks.len()).max_by(|&a, &b| self.tasks[a].end_us.total_cmp(&self.tasks[b].end_us))
     }
 
     fn predecessor(&self, after: usize) -> Option<usize> {
@@ -166,24 +163,25 @@ impl<'a> Order<'a> {
         let own = self.by_end.get(&task.pid)?;
         let latest = own.partition_point(|&b| self.tasks[b].end_us <= task.begin_us + CLOCK_TOLERANCE_US);
         let own = own[..latest].iter().rev().copied().find(is_before);
-        let upload = task.transfer.filter(|_| task.lane == super::Lane::Upload);
+        let upload = task.transfer.filter(|_| task.lane == Lane::Upload);
         let sent = upload.and_then(|transfer| self.downloads.get(&transfer).copied()).filter(is_before);
         self.latest(own.into_iter().chain(sent))
     }
 
     /// Returns the predecessor of a task whose position in the frame's graph is recorded. In the graph, no task depends
     /// on a later task of its own device.
-    fn by_graph(&self, task: &Task, order: &super::work::Order) -> Option<usize> {
+    fn by_graph(&self, task: &Task, order: &Order) -> Option<usize> {
         let before = self.by_number.range((task.pid, 0)..(task.pid, order.number)).rev().map(|(_, &i)| i);
         let last = |is: &dyn Fn(&Task) -> bool| before.clone().find(|&i| is(self.tasks[i]));
         let on_queue = last(&|t| t.lane.is_transfer() == task.lane.is_transfer());
-        let written = last(&|t| t.lane == super::Lane::Upload).filter(|_| !task.lane.is_transfer());
+        let written = last(&|t| t.lane == Lane::Upload).filter(|_| !task.lane.is_transfer());
         // A download completes only after all passes that were submitted before it.
-        let submitted = last(&|t| !t.lane.is_transfer()).filter(|_| task.lane == super::Lane::Download);
+        let submitted = last(&|t| !t.lane.is_transfer()).filter(|_| task.lane == Lane::Download);
         let needed = order.after.iter().filter_map(|place| self.by_number.get(place).copied());
         self.latest(on_queue.into_iter().chain(written).chain(submitted).chain(needed))
     }
 
+    /// Returns the one of these tasks that ended last.
     fn latest(&self, tasks: impl Iterator<Item = usize>) -> Option<usize> {
         tasks.max_by(|&a, &b| self.tasks[a].end_us.total_cmp(&self.tasks[b].end_us))
     }
@@ -191,8 +189,7 @@ impl<'a> Order<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Lane;
-    use super::super::work::{FrameTime, Order};
+    use super::super::work::FrameTime;
     use super::*;
 
     fn task(pid: u32, lane: Lane, name: &str, [begin_ms, end_ms]: [f64; 2], transfer: Option<u64>) -> Task {

@@ -6,7 +6,7 @@ use super::critical::{What, critical_path};
 use super::deadline::{Presented, Surroundings};
 use super::event::{Args, Track, args_from};
 use super::summary::Step;
-use super::work::{Frame, FrameTime, Order, Task, Trace};
+use super::work::{Frame, FrameTime, Order, Task};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::passes::path_trace::PARTITION;
@@ -33,7 +33,7 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
     if !recorder.is_on() {
         return;
     }
-    let (tasks, time) = (tasks_from(std::slice::from_ref(report)), time_from(report));
+    let (tasks, time) = (tasks_from(&report.tasks, report.index), time_from(report));
     let spp = ("spp", quality.spp.mean());
     let mut args = args_from(&[("frame", time.frame as f64), spp]);
     args.insert("devices".to_owned(), numbers_text(&report.devices).as_str().into());
@@ -86,28 +86,17 @@ fn note_residual(recorder: &Recorder, device: usize, residual_us: f64) {
     recorder.note_residual(&format!("device_{device}"), residual_us);
 }
 
-/// Converts frames to the form in which a trace is read back, without the devices' names.
-pub fn trace_from(reports: &[FrameReport]) -> Trace {
-    let frame_times = reports.iter().map(time_from).collect();
-    Trace { tasks: tasks_from(reports), frame_times, ..Trace::default() }
-}
-
 /// Returns the critical path of a frame with these tasks.
 pub fn path(tasks: &[TaskTiming], begin_ms: f64, makespan_ms: f64) -> Vec<Step> {
-    let tasks = in_order(tasks.iter().map(|timing| task_from(timing, 0)));
+    let tasks = tasks_from(tasks, 0);
     let (begin_us, end_us) = (begin_ms * 1e3, (begin_ms + makespan_ms) * 1e3);
     let time = FrameTime { frame: 0, begin_us, end_us, devices: None };
     Step::path(&Frame { time, tasks: tasks.iter().collect() })
 }
 
-/// Returns the frames' tasks in order of begin.
-fn tasks_from(reports: &[FrameReport]) -> Vec<Task> {
-    let timings = reports.iter().flat_map(|report| report.tasks.iter().map(|timing| (timing, report.index)));
-    in_order(timings.map(|(timing, frame)| task_from(timing, frame)))
-}
-
-fn in_order(tasks: impl Iterator<Item = Task>) -> Vec<Task> {
-    let mut tasks: Vec<Task> = tasks.collect();
+/// Returns the tasks of a frame in order of begin.
+fn tasks_from(timings: &[TaskTiming], frame: u32) -> Vec<Task> {
+    let mut tasks: Vec<Task> = timings.iter().map(|timing| task_from(timing, frame)).collect();
     tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
     tasks
 }

@@ -94,8 +94,8 @@ impl LateCauses {
     }
 
     fn learn(&mut self, parts: &[Part]) {
-        for part in parts.iter().filter(|part| !self.usual.contains_key(&part.name)).collect::<Vec<_>>() {
-            self.usual.insert(part.name.clone(), Mean::default());
+        for part in parts {
+            self.usual.entry(part.name.clone()).or_default();
         }
         for (name, usual) in &mut self.usual {
             let part = parts.iter().find(|part| part.name == *name);

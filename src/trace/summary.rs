@@ -194,13 +194,14 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
     let hidden_ms: f64 = devices.iter().map(|d| d.hidden_transfer_ms).sum();
     let zero_us = frames.first().map_or(0.0, |f| f.time.begin_us);
     let numbers: HashSet<u64> = frames.iter().map(|f| f.time.frame).collect();
+    let paths: Vec<Vec<Stretch<'_>>> = frames.iter().map(critical_path).collect();
     Summary {
-        frames: frames.iter().map(|frame| frame_summary(trace, frame, zero_us)).collect(),
+        frames: frames.iter().zip(&paths).map(|(frame, path)| frame_summary(trace, frame, path, zero_us)).collect(),
         total_ms: total_us / 1000.0,
         overlap_share: share(overlap_us, total_us),
         hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
         imbalance: imbalance(&devices),
-        critical_path: path_shares(frames),
+        critical_path: path_shares(frames, &paths),
         passages: RankTransferSummary::of(&trace.passages, |frame| numbers.contains(&frame)),
         devices,
         warnings,
@@ -222,10 +223,10 @@ fn imbalance(devices: &[DeviceSummary]) -> Option<f64> {
     (total_ms > 0.0).then(|| most_ms * devices.len() as f64 / total_ms)
 }
 
-fn frame_summary(trace: &Trace, frame: &Frame, zero_us: f64) -> FrameSummary {
+fn frame_summary(trace: &Trace, frame: &Frame, path: &[Stretch<'_>], zero_us: f64) -> FrameSummary {
     let devices: Vec<_> = lanes(trace, std::slice::from_ref(frame)).iter().map(Lanes::sum_up).collect();
     let sum = |of: fn(&DeviceSummary) -> f64| devices.iter().map(of).sum();
-    let waits = critical_path(frame).into_iter().filter(|stretch| matches!(stretch.what, What::Wait(_)));
+    let waits = path.iter().filter(|stretch| matches!(stretch.what, What::Wait(_)));
     let uploads = frame.tasks.iter().filter(|task| task.lane == Lane::Upload);
     FrameSummary {
         frame: frame.time.frame,
@@ -258,10 +259,10 @@ fn name(what: &What) -> (String, Option<Lane>) {
     }
 }
 
-fn path_shares(frames: &[Frame]) -> Vec<PathShare> {
+fn path_shares(frames: &[Frame], paths: &[Vec<Stretch<'_>>]) -> Vec<PathShare> {
     let total_us = frames.iter().map(|f| f.time.length_us()).sum();
     let mut times_us: BTreeMap<(String, Option<Lane>, u32), f64> = BTreeMap::new();
-    for stretch in frames.iter().flat_map(critical_path) {
+    for stretch in paths.iter().flatten() {
         let (what, lane) = name(&stretch.what);
         *times_us.entry((what, lane, stretch.pid)).or_default() += stretch.end_us - stretch.begin_us;
     }

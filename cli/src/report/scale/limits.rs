@@ -7,8 +7,7 @@ use serde::Serialize;
 use crate::report::{median_of, shares_text};
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::schedule::LOSS_SHARE;
-use diptych::trace::frames::trace_from;
-use diptych::trace::summary::Summary;
+use diptych::trace::frames::path;
 
 /// Measurements of frames that tell the causes of losses.
 #[derive(Clone, Debug, Default)]
@@ -38,10 +37,12 @@ impl Causes {
             let end_ms = own().map(|task| task.end_ms).reduce(f64::max)?;
             Some(frame.makespan_ms - (end_ms - begin_ms))
         };
-        let parts = Summary::of(&trace_from(frames)).critical_path.into_iter().map(|part| match part.lane {
-            None => ("waits".to_owned(), part.share),
-            Some(lane) if lane.is_transfer() => (TRANSFERS.to_owned(), part.share),
-            Some(_) => (part.what, part.share),
+        let all_ms: f64 = frames.iter().map(|frame| frame.makespan_ms).sum();
+        let steps = frames.iter().flat_map(|frame| path(&frame.tasks, frame.begin_ms, frame.makespan_ms));
+        let parts = steps.map(|step| match step.lane {
+            None => ("waits".to_owned(), step.time_ms / all_ms),
+            Some(lane) if lane.is_transfer() => (TRANSFERS.to_owned(), step.time_ms / all_ms),
+            Some(_) => (step.what, step.time_ms / all_ms),
         });
         Self { stages, serial_ms: median_of(frames.iter().filter_map(serial_ms).collect()), path: parts.collect() }
     }
