@@ -71,21 +71,24 @@ pub struct Event {
 }
 
 impl Event {
-    pub fn process_name(pid: u32, name: &str) -> Event {
-        metadata(Track { pid, tid: 0 }, "process_name", "name", name.into())
-    }
-
-    pub fn process_sort_index(pid: u32, index: u32) -> Event {
+    /// Returns the name of a process and its position among the others, which are sorted by number.
+    pub fn process(pid: u32, name: &str) -> [Event; 2] {
         let track = Track { pid, tid: 0 };
-        metadata(track, "process_sort_index", "sort_index", f64::from(index).into())
+        let index = f64::from(pid).into();
+        [
+            metadata(track, "process_name", "name", name.into()),
+            metadata(track, "process_sort_index", "sort_index", index),
+        ]
     }
 
     pub fn thread_name(track: Track, name: &str) -> Event {
         metadata(track, "thread_name", "name", name.into())
     }
 
-    pub fn thread_sort_index(track: Track, index: u32) -> Event {
-        metadata(track, "thread_sort_index", "sort_index", f64::from(index).into())
+    /// Returns the name of a thread and its position among the others, which are sorted by number.
+    pub fn thread(track: Track, name: &str) -> [Event; 2] {
+        let index = f64::from(track.tid).into();
+        [Self::thread_name(track, name), metadata(track, "thread_sort_index", "sort_index", index)]
     }
 
     fn phase(&self) -> &'static str {
@@ -181,7 +184,7 @@ mod tests {
         assert_eq!(flow(FlowStep::Step), with("t", json!({"id": 7})));
         assert_eq!(flow(FlowStep::Finish), with("f", json!({"id": 7, "bp": "e"})));
         let named = json!({"ph": "M", "name": "process_name", "pid": 10, "tid": 0, "args": {"name": "gpu 0"}});
-        assert_eq!(json_of(&Event::process_name(10, "gpu 0")), named);
+        assert_eq!(json_of(&Event::process(10, "gpu 0")[0]), named);
     }
 
     #[test]

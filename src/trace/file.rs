@@ -11,7 +11,6 @@ use super::{Recorder, TraceError};
 /// or panics, dropping this `TraceFile` ends the file with the events recorded so far.
 pub struct TraceFile {
     recorder: Recorder,
-    is_finished: bool,
 }
 
 impl TraceFile {
@@ -36,7 +35,7 @@ impl TraceFile {
 
     fn begin(recorder: Recorder, host: Option<HostSpans>, path: &Path) -> Result<TraceFile, TraceError> {
         recorder.open(GrowingDocument::create(path)?, host);
-        Ok(TraceFile { recorder, is_finished: false })
+        Ok(TraceFile { recorder })
     }
 
     pub fn recorder(&self) -> Recorder {
@@ -47,17 +46,15 @@ impl TraceFile {
     ///
     /// # Errors
     /// [`TraceError::Write`] if this write or an earlier one failed.
-    pub fn finish(mut self) -> Result<(), TraceError> {
-        self.is_finished = true;
+    pub fn finish(self) -> Result<(), TraceError> {
         self.recorder.close(true)
     }
 }
 
 impl Drop for TraceFile {
     fn drop(&mut self) {
-        if !self.is_finished
-            && let Err(error) = self.recorder.close(false)
-        {
+        // This has no effect on a finished trace.
+        if let Err(error) = self.recorder.close(false) {
             // A panic would end a run that is unwinding already.
             let _ = writeln!(io::stderr(), "trace: {error}");
         }

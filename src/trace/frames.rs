@@ -159,7 +159,7 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
         args.insert("after".to_owned(), after.join(" ").as_str().into());
     }
     let times_us = [task.begin_us, task.end_us];
-    recorder.task_with(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, times_us, args);
+    recorder.task(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, times_us, args);
 }
 
 /// Returns a point of an arrow: the track of a task, and a time in µs.

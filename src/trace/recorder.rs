@@ -61,8 +61,7 @@ impl Recorder {
     pub(super) fn open(&self, document: GrowingDocument, host: Option<HostSpans>) {
         let Some(mut log) = self.lock() else { return };
         (log.document, log.host) = (Some(document), host);
-        log.push(Event::process_name(HOST_PID, "host"));
-        log.push(Event::process_sort_index(HOST_PID, HOST_PID));
+        log.extend(Event::process(HOST_PID, "host"));
         log.write(false);
     }
 
@@ -87,23 +86,14 @@ impl Recorder {
     pub fn device(&self, device: u32, name: &str) {
         let pid = FIRST_DEVICE_PID + device;
         self.push(|| {
-            let lanes = Lane::ALL.into_iter().flat_map(|lane| {
-                let track = lane.track(device);
-                [Event::thread_name(track, lane.name()), Event::thread_sort_index(track, track.tid)]
-            });
-            let process = [Event::process_name(pid, name), Event::process_sort_index(pid, pid)];
-            process.into_iter().chain(lanes)
+            let lanes = Lane::ALL.into_iter().flat_map(|lane| Event::thread(lane.track(device), lane.name()));
+            Event::process(pid, name).into_iter().chain(lanes)
         });
     }
 
     /// Records work on one lane of a device. Times are microseconds since the origin; GPU timestamps must
     /// be converted first.
-    pub fn task(&self, device: u32, lane: Lane, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
-        self.task_with(device, lane, name, [begin_us, end_us], args_from(args));
-    }
-
-    /// Records work like [`Self::task`], with arguments that may also be text.
-    pub fn task_with(&self, device: u32, lane: Lane, name: &str, [begin_us, end_us]: [f64; 2], args: Args) {
+    pub fn task(&self, device: u32, lane: Lane, name: &str, [begin_us, end_us]: [f64; 2], args: Args) {
         let category = if lane.is_transfer() { "transfer" } else { "device" };
         self.span(lane.track(device), category, name, begin_us, end_us, args);
     }
@@ -114,8 +104,7 @@ impl Recorder {
         let Some(mut log) = self.lock() else { return };
         let pid = FIRST_RANK_PID.saturating_add(rank);
         if !log.spans.contains_key(&pid) {
-            log.push(Event::process_name(pid, &format!("{RANK_HOST}{rank} on {machine}")));
-            log.push(Event::process_sort_index(pid, pid));
+            log.extend(Event::process(pid, &format!("{RANK_HOST}{rank} on {machine}")));
         }
         log.push_spans(pid, zero_us, text);
     }
@@ -172,8 +161,7 @@ impl Recorder {
     fn track(&self, track: Track, name: String) -> Track {
         if let Some(mut log) = self.lock().filter(|log| !log.named.contains(&track)) {
             log.named.insert(track);
-            log.push(Event::thread_name(track, &name));
-            log.push(Event::thread_sort_index(track, track.tid));
+            log.extend(Event::thread(track, &name));
         }
         track
     }
@@ -258,7 +246,7 @@ impl Recorder {
         log.take_spans();
         log.host = None;
         for spans in std::mem::take(&mut log.spans).into_values() {
-            spans.unfinished(now_us).for_each(|event| log.push(event));
+            log.extend(spans.unfinished(now_us));
         }
         log.write(is_complete);
         log.document = None;
@@ -266,9 +254,8 @@ impl Recorder {
     }
 
     fn push<E: IntoIterator<Item = Event>>(&self, events: impl FnOnce() -> E) {
-        let Some(mut log) = self.lock() else { return };
-        for event in events() {
-            log.push(event);
+        if let Some(mut log) = self.lock() {
+            log.extend(events());
         }
     }
 
@@ -279,14 +266,16 @@ impl Recorder {
 }
 
 impl Log {
-    fn push(&mut self, event: Event) {
+    fn extend(&mut self, events: impl IntoIterator<Item = Event>) {
         if self.document.is_none() {
             return;
         }
-        if has_sane_times(&event) {
-            self.events.push(event);
-        } else {
-            self.dropped_events += 1;
+        for event in events {
+            if has_sane_times(&event) {
+                self.events.push(event);
+            } else {
+                self.dropped_events += 1;
+            }
         }
     }
 
@@ -297,7 +286,8 @@ impl Log {
 
     fn push_spans(&mut self, pid: u32, zero_us: f64, text: &[u8]) {
         let spans = self.spans.entry(pid).or_insert_with(|| Spans::of(pid));
-        spans.events_from(text, zero_us).into_iter().for_each(|event| self.push(event));
+        let events = spans.events_from(text, zero_us);
+        self.extend(events);
     }
 
     fn write(&mut self, is_complete: bool) {

@@ -15,12 +15,12 @@ fn record(recorder: &Recorder) {
     recorder.device(1, "second gpu");
     let first = [("frame", 0.0), ("rows", 90.0)];
     let second = [("frame", 1.0)];
-    recorder.task(0, Lane::Right, "gbuffer", 500.0, 2000.0, &first);
-    recorder.task(0, Lane::Left, "gbuffer", 0.0, 1000.0, &first);
-    recorder.task(1, Lane::Left, "path trace", 1000.0, 3000.0, &first);
-    recorder.task(0, Lane::Download, "rows", 1500.0, 2500.0, &first);
-    recorder.task(0, Lane::Both, "stitch", 3000.0, 4000.0, &second);
-    recorder.task(1, Lane::Upload, "rows", 4000.0, 5000.0, &second);
+    recorder.task(0, Lane::Right, "gbuffer", [500.0, 2000.0], args_from(&first));
+    recorder.task(0, Lane::Left, "gbuffer", [0.0, 1000.0], args_from(&first));
+    recorder.task(1, Lane::Left, "path trace", [1000.0, 3000.0], args_from(&first));
+    recorder.task(0, Lane::Download, "rows", [1500.0, 2500.0], args_from(&first));
+    recorder.task(0, Lane::Both, "stitch", [3000.0, 4000.0], args_from(&second));
+    recorder.task(1, Lane::Upload, "rows", [4000.0, 5000.0], args_from(&second));
     let budget = [("ms", 4.0), ("low", 11.0), ("high", 20.0)];
     recorder.counter("frame time", 4000.0, &budget);
     let points = [(Lane::Left, 0, 900.0), (Lane::Download, 0, 2000.0), (Lane::Upload, 1, 4500.0)];
@@ -29,13 +29,17 @@ fn record(recorder: &Recorder) {
     recorder.note("clock_residual_us.device_0", 1.25);
 }
 
-fn written() -> (tempfile::TempDir, PathBuf) {
+fn written_by(record: impl FnOnce(Recorder)) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
     let file = TraceFile::start_without_host(&path).unwrap();
-    record(&file.recorder());
+    record(file.recorder());
     file.finish().unwrap();
     (folder, path)
+}
+
+fn written() -> (tempfile::TempDir, PathBuf) {
+    written_by(|recorder| record(&recorder))
 }
 
 fn sum_up(path: &Path) -> Summary {
@@ -80,27 +84,24 @@ fn summary_of_a_known_trace_is_exact() {
 
 #[test]
 fn device_is_not_idle_in_frames_of_others() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("trace.json");
-    let file = TraceFile::start_without_host(&path).unwrap();
-    let recorder = file.recorder();
-    for device in 0..2 {
-        recorder.device(device, "gpu");
-        recorder.task(device, Lane::Left, "gbuffer", 5000.0, 9000.0, &[("frame", 1.0)]);
-    }
-    // Older traces give the number of devices, which means the first ones.
-    recorder.frame(0, 0.0, 3000.0, args_from(&[("frame", 0.0), ("devices", 1.0)]));
-    recorder.task(0, Lane::Left, "gbuffer", 0.0, 3000.0, &[("frame", 0.0)]);
-    let shared = |frame: f64, devices: &str| {
-        let mut args = args_from(&[("frame", frame)]);
-        args.insert("devices".to_owned(), devices.into());
-        args
-    };
-    recorder.frame(0, 5000.0, 10_000.0, shared(1.0, "0,1"));
-    // The first device is lost.
-    recorder.frame(0, 11_000.0, 13_000.0, shared(2.0, "1"));
-    recorder.task(1, Lane::Left, "gbuffer", 11_000.0, 13_000.0, &[("frame", 2.0)]);
-    file.finish().unwrap();
+    let (_folder, path) = written_by(|recorder| {
+        for device in 0..2 {
+            recorder.device(device, "gpu");
+            recorder.task(device, Lane::Left, "gbuffer", [5000.0, 9000.0], args_from(&[("frame", 1.0)]));
+        }
+        // Older traces give the number of devices, which means the first ones.
+        recorder.frame(0, 0.0, 3000.0, args_from(&[("frame", 0.0), ("devices", 1.0)]));
+        recorder.task(0, Lane::Left, "gbuffer", [0.0, 3000.0], args_from(&[("frame", 0.0)]));
+        let shared = |frame: f64, devices: &str| {
+            let mut args = args_from(&[("frame", frame)]);
+            args.insert("devices".to_owned(), devices.into());
+            args
+        };
+        recorder.frame(0, 5000.0, 10_000.0, shared(1.0, "0,1"));
+        // The first device is lost.
+        recorder.frame(0, 11_000.0, 13_000.0, shared(2.0, "1"));
+        recorder.task(1, Lane::Left, "gbuffer", [11_000.0, 13_000.0], args_from(&[("frame", 2.0)]));
+    });
     let summary = sum_up(&path);
     assert_eq!(summary.devices.iter().map(|d| d.idle_ms).collect::<Vec<_>>(), [1.0, 1.0]);
     assert_eq!(summary.frames.iter().map(|f| f.idle_ms).collect::<Vec<_>>(), [0.0, 2.0, 0.0]);
@@ -109,17 +110,20 @@ fn device_is_not_idle_in_frames_of_others() {
 
 #[test]
 fn frames_in_flight_share_their_time() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("trace.json");
-    let file = TraceFile::start_without_host(&path).unwrap();
-    let recorder = file.recorder();
-    recorder.device(0, "gpu");
-    for frame in 0..3u8 {
-        let begin_us = 1000.0 * f64::from(frame);
-        recorder.frame(usize::from(frame) % 2, begin_us, begin_us + 2000.0, args_from(&[("frame", frame.into())]));
-        recorder.task(0, Lane::Left, "path_trace", begin_us, begin_us + 750.0, &[("frame", frame.into())]);
-    }
-    file.finish().unwrap();
+    let (_folder, path) = written_by(|recorder| {
+        recorder.device(0, "gpu");
+        for frame in 0..3u8 {
+            let begin_us = 1000.0 * f64::from(frame);
+            recorder.frame(usize::from(frame) % 2, begin_us, begin_us + 2000.0, args_from(&[("frame", frame.into())]));
+            recorder.task(
+                0,
+                Lane::Left,
+                "path_trace",
+                [begin_us, begin_us + 750.0],
+                args_from(&[("frame", frame.into())]),
+            );
+        }
+    });
     let summary = sum_up(&path);
     assert_eq!(summary.frames.iter().map(|f| f.makespan_ms).collect::<Vec<_>>(), [2.0, 2.0, 2.0]);
     close(summary.total_ms, 4.0);
@@ -129,12 +133,10 @@ fn frames_in_flight_share_their_time() {
 
 #[test]
 fn critical_path_covers_recorded_frame_times() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("trace.json");
-    let file = TraceFile::start_without_host(&path).unwrap();
-    record(&file.recorder());
-    file.recorder().frame(0, -500.0, 3250.0, args_from(&[("frame", 0.0)]));
-    file.finish().unwrap();
+    let (_folder, path) = written_by(|recorder| {
+        record(&recorder);
+        recorder.frame(0, -500.0, 3250.0, args_from(&[("frame", 0.0)]));
+    });
     let trace = read(&path).unwrap();
     let summary = Summary::of(&trace);
     close(summary.frames[0].makespan_ms, 3.75);
@@ -192,15 +194,12 @@ fn disabled_recorder_records_nothing() {
 
 #[test]
 fn invalid_times_are_dropped_and_counted() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("trace.json");
-    let file = TraceFile::start_without_host(&path).unwrap();
-    let recorder = file.recorder();
-    recorder.device(0, "gpu");
-    recorder.task(0, Lane::Left, "backwards", 5.0, 4.0, &[]);
-    recorder.task(0, Lane::Left, "nowhen", f64::NAN, 4.0, &[]);
-    recorder.task(0, Lane::Left, "endless", 1.0, f64::INFINITY, &[]);
-    file.finish().unwrap();
+    let (_folder, path) = written_by(|recorder| {
+        recorder.device(0, "gpu");
+        recorder.task(0, Lane::Left, "backwards", [5.0, 4.0], args_from(&[]));
+        recorder.task(0, Lane::Left, "nowhen", [f64::NAN, 4.0], args_from(&[]));
+        recorder.task(0, Lane::Left, "endless", [1.0, f64::INFINITY], args_from(&[]));
+    });
     assert_eq!(document(&path)["otherData"]["dropped_events"], 3);
     assert!(sum_up(&path).devices[0].busy_ms == 0.0);
 }
@@ -244,7 +243,7 @@ fn trace_file_is_valid_after_every_write() {
     let events = || document(&path)["traceEvents"].as_array().unwrap().len();
     let names = events();
     for count in 1..=3 {
-        recorder.task(0, Lane::Left, "gbuffer", 0.0, 1.0, &[]);
+        recorder.task(0, Lane::Left, "gbuffer", [0.0, 1.0], args_from(&[]));
         assert_eq!(events(), names + count - 1);
         recorder.flush();
         assert_eq!(events(), names + count);
@@ -252,7 +251,7 @@ fn trace_file_is_valid_after_every_write() {
     }
     file.finish().unwrap();
     assert_eq!(document(&path)["otherData"]["complete"], true);
-    recorder.task(0, Lane::Left, "late", 0.0, 1.0, &[]);
+    recorder.task(0, Lane::Left, "late", [0.0, 1.0], args_from(&[]));
     recorder.flush();
     assert_eq!(events(), names + 3);
 }

@@ -3,6 +3,7 @@
 
 use std::time::{Duration, Instant};
 
+use diptych::trace::event::args_from;
 use diptych::trace::read::read;
 use diptych::trace::summary::Summary;
 use diptych::trace::{Lane, Recorder, TraceError, TraceFile};
@@ -32,7 +33,7 @@ fn host_spans_use_the_clock_of_the_trace() {
     let recorder = file.recorder();
     recorder.device(0, "gpu");
     let (before_us, after_us) = frame(&recorder);
-    recorder.task(0, Lane::Left, "gbuffer", before_us, after_us, &[("frame", 3.0)]);
+    recorder.task(0, Lane::Left, "gbuffer", [before_us, after_us], args_from(&[("frame", 3.0)]));
     let worker = std::thread::Builder::new().name("worker".to_owned());
     let work = || tracing::info_span!("work").in_scope(|| ());
     worker.spawn(work).unwrap().join().unwrap();
