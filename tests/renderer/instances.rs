@@ -35,7 +35,9 @@ fn ball(rings: usize, material: usize) -> Mesh {
     let at = |ring: usize, column: usize| (ring * (columns + 1) + column) as u32;
     for (ring, column) in (0..rings).flat_map(|r| (0..columns).map(move |c| (r, c))) {
         let [a, b, c, d] = [at(ring, column), at(ring + 1, column), at(ring + 1, column + 1), at(ring, column + 1)];
-        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        // Those at the poles have no area.
+        mesh.triangles.extend((ring + 1 < rings).then_some([a, b, c]));
+        mesh.triangles.extend((ring > 0).then_some([a, c, d]));
     }
     mesh
 }
