@@ -67,7 +67,7 @@ impl<'a> Folder<'a> {
     /// Returns the path of a named file. The name's parts are separated by `/`, or by the `\` of Windows.
     ///
     /// # Errors
-    /// [`Fault`] if access is denied, or if there is no such file.
+    /// A fault if access is denied, or if there is no such file.
     pub fn find(&self, name: &str) -> Result<PathBuf, Fault> {
         let outside = || Fault::from(Refusal::Outside(shorten(name)));
         let slashed = name.replace('\\', "/");
@@ -121,7 +121,7 @@ fn leads_down(name: &str) -> bool {
 /// Reads a whole regular file. Rejects pipes and devices, which may never end.
 ///
 /// # Errors
-/// [`Fault`] if the file cannot be read or exceeds the budget.
+/// A fault if the file cannot be read or exceeds the budget.
 pub fn read<'a>(path: &Path, access: Access<'a>) -> Result<Held<'a>, Fault> {
     let failed = |source| Fault::Read { path: path.display().to_string(), source };
     if let Source::Sent(files) = access.source {

@@ -228,7 +228,7 @@ impl Optics {
     /// Returns the size of the rectified frame for eye images of `size`, with 1.25 times their pixel density.
     ///
     /// # Errors
-    /// Errors of [`Self::grid`].
+    /// A message, if the frame would have too many pixels.
     pub fn rectified(&self, size: Extent) -> Result<Extent, String> {
         /// Ratio of the rectified frame's pixel density to the eyes', horizontally and vertically.
         const DENSITY: f64 = 1.25;

@@ -73,7 +73,7 @@ fn most_expensive_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
 /// Policy that gives every device a stripe of equal predicted time, so faster devices get more rows.
 ///
 /// Each partition set ([`crate::graph::Program::partition_sets`]) has stripes of its own, whose edges move from frame
-/// to frame by at most [`step_rows`] unless the gain is too small.
+/// to frame by at most a sixteenth of the frame unless the gain is too small.
 ///
 /// All views share a partition. The G-buffer, radiance and reprojection of a row then stay on one device, and separate
 /// stripes for a view would not improve the balance of the sum of all. Without a filter, a row has one owner in
