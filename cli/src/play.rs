@@ -58,6 +58,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if !compares {
         return play(args);
     }
+    if args.frames as usize <= SETTLING_FRAMES {
+        let what = "several controllers need --frames greater than";
+        return Err(Failure::Input(anyhow::anyhow!("{what} {SETTLING_FRAMES}, the frames in which they settle")));
+    }
     let options = &args.options;
     let alone = [
         ("--report", args.report),

@@ -31,7 +31,7 @@ def measure_loop(options, drivers):
     for driver in drivers:
         for name, shot in here:
             say(f"loop: {name}, {driver.name}")
-            measured = ("--size", options.loop_size, "--reference-spp", options.reference_spp // 2)
+            measured = ("--size", options.loop_size, "--reference-spp", max(16, options.reference_spp // 2))
             driver.run("bench", shot, *GRID, *measured, out=bench)
             ladder = bench / "ladder.toml"
             times = [rung["time_ms"] for rung in tomllib.loads(ladder.read_text())["rung"]]

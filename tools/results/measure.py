@@ -36,7 +36,7 @@ REAL = argparse.Namespace(
 )
 SMOKE = argparse.Namespace(
     size="48x27", scale_size="64x36", reference_spp=8, turns=2, plays=1, play_frames=40, peers_spp=16, rounds=1,
-    fraction=0.03, large=(20_000,), host_frames=(10, 20), loop_size="48x27", loop_frames=20,
+    fraction=0.03, large=(20_000,), host_frames=(10, 20), loop_size="48x27", loop_frames=40,
 )
 
 MEASUREMENTS = {

@@ -126,6 +126,7 @@ fn rejects_invalid_options_of_play() {
     --iterations 0 => choose --denoiser none
     --denoiser none --iterations 3 => iterations has no effect
     --fps 0 => fps cannot be 0
+    --frames 30 --set controller=pid,pinned:0 => --frames greater than 30
     --report --set controller=pid,pinned:0 => --report and several controllers exclude each other
     --replay ./ => cannot use --replay
     --set report_spp=8 => --report, or several controllers
