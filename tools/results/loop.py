@@ -26,7 +26,7 @@ def played(driver, shot, options, ladder, budget, controllers):
 
 def measure_loop(options, drivers):
     rows = []
-    here, absent = shots(options, ("cornell", "studio", "atrium", "hotel-room"))
+    here, absent = shots(options, ("cornell", "atrium", "hotel-room"))
     bench = options.out / "loop"
     for driver in drivers:
         for name, shot in here:
