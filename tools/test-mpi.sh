@@ -111,7 +111,7 @@ for rank in 1 2 3; do
     grep -q "\"host of rank $rank on " "$out/trace.json" || fail "the trace has no threads of rank $rank"
 done
 "$diptych" trace "$out/trace.json" >"$out/trace.log" || fail "the trace of 4 ranks is not one"
-said=$(grep "^MPI threads made workers wait" "$out/trace.log") || fail "nothing says what MPI threads made workers wait"
+said=$(grep "^MPI threads caused at most" "$out/trace.log") || fail "nothing says what MPI threads caused"
 echo "trace: threads of all ranks; $said"
 
 # Process of rank $1 of the current job. Ranks are started in order.
