@@ -162,7 +162,7 @@ pub struct LateSummary {
     pub period_ms: f64,
     /// Causes, the one of most frames first.
     pub causes: Vec<CauseSum>,
-    /// Late frames, the latest first.
+    /// Late frames, the longest delay first.
     pub late: Vec<DisplayedFrame>,
 }
 

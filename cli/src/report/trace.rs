@@ -78,7 +78,7 @@ pub fn late_text(found: &LateSummary) -> String {
         "cause",
     ];
     text += &format!(
-        "\nlate frames, the latest first\n{}",
+        "\nlate frames, the longest delay first\n{}",
         text_table(&headers, &late.iter().map(row).collect::<Vec<_>>())
     );
     text + "\n`diptych trace FILE --frame N` shows the critical path of a frame beside its prediction\n"

@@ -39,7 +39,7 @@ fn late_frames_agree_in_trace_rows_and_summary() {
     let causes: u64 = found["causes"].as_array().unwrap().iter().map(|sum| sum["frames"].as_u64().unwrap()).sum();
     assert_eq!(causes as usize, late.len());
     let text = folder.run("trace ./trace.json --late").out;
-    assert!(text.contains("late frames, the latest first") && text.contains("slow:dev1@36..38"), "{text}");
+    assert!(text.contains("late frames, the longest delay first") && text.contains("slow:dev1@36..38"), "{text}");
 
     let trace: Value = serde_json::from_str(&folder.text("trace.json")).unwrap();
     let events = trace["traceEvents"].as_array().unwrap();
