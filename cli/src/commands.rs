@@ -144,13 +144,20 @@ pub fn run_from(args: impl IntoIterator<Item = impl Into<OsString>>, console: Co
     status
 }
 
-/// Adds how to give a setting that has no flag in `command`, if the command reads it.
+/// Adds how to give a setting that has no flag in `command`, if the command reads it. Removes clap's tip to pass an
+/// unknown option as a file after `--`.
 fn with_tip(mut error: clap::Error, command: Option<&clap::Command>) -> clap::Error {
     let flag = error.get(ContextKind::InvalidArg).map(ToString::to_string).unwrap_or_default();
     let key = flag.trim_start_matches('-').replace('-', "_");
     let takes_settings = |of: &&clap::Command| of.get_arguments().any(|arg| arg.get_id() == "set");
     let is_read = |setting: &Setting| command.filter(takes_settings).is_some_and(|of| setting.is_of(of.get_name()));
-    if error.kind() == ErrorKind::UnknownArgument && Setting::of_key(&key).is_some_and(is_read) {
+    if error.kind() != ErrorKind::UnknownArgument {
+        return error;
+    }
+    error.remove(ContextKind::Suggested);
+    if Setting::of_key(&key).is_some_and(is_read) {
+        error.remove(ContextKind::SuggestedArg);
+        error.remove(ContextKind::Usage);
         let tip = format!("give this setting with --set {key}=VALUE");
         error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
     }
@@ -243,6 +250,8 @@ mod tests {
             let error = command.clone().try_get_matches_from(line).unwrap_err();
             let text = with_tip(error, command.find_subcommand(line[1])).to_string();
             assert_eq!(text.contains("give this setting with --set"), has_tip, "{text}");
+            assert!(!text.contains("as a value, use"), "{text}");
+            assert!(!has_tip || !text.contains("a similar argument"), "{text}");
         }
     }
 
