@@ -215,8 +215,8 @@ fn found_rig(scene: &mut Scene, wanted: &Wanted, baseline_m: Option<f64>, budget
         _ => String::new(),
     };
     scene.notes.push(format!(
-        "no camera in the file: placed the viewpoint {place} at {position:.3}, looking at {target:.3}{baseline}; choose \
-         a position and a target, or write a shot, to change it"
+        "no camera in the file: placed the viewpoint {place} at {position:.3}, looking at {target:.3}{baseline}; set \
+         `position` and `target`, or write a shot, to change it"
     ));
     (rig, room)
 }
