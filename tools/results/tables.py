@@ -138,6 +138,8 @@ def measure_scale(options, drivers):
             for file in ("scale.csv", "simulate.csv"):
                 with open(driver.out / file, encoding="utf-8") as lines:
                     for read in csv.DictReader(lines):
+                        if file == "simulate.csv" and read["devices"] == "1":
+                            continue
                         row = {"scene": name, "driver": driver.name, "source": "measured", "devices": int(read["devices"])}
                         row |= {key: number(read[key]) for key in ("speedup", "efficiency")} | {"limit": read["limit"] or None}
                         if file == "scale.csv":
