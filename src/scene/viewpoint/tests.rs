@@ -42,6 +42,8 @@ fn object_fills_the_picture_at_any_scale_and_place() {
         let seen: Vec<[f32; 2]> = corners.iter().map(|p| seen_at(&found.rig, *p)).collect();
         let most = seen.as_flattened().iter().fold(0.0f32, |a, b| a.max(b.abs()));
         assert!((0.65..0.72).contains(&most), "x {scale}: {seen:?}");
+        let distance_m = (found.rig.keys[0].position - found.rig.keys[0].target).length();
+        assert_eq!(found.rig.baseline_m, f64::min(0.064, distance_m / 30.0), "x {scale}");
     }
 }
 
