@@ -1,4 +1,4 @@
-//! Denoisers keep the mean of light on surfaces that are black in a channel or in a lobe.
+//! Denoisers keep the mean of light on surfaces that are black in a channel or in a lobe, and before the sky.
 //!
 //! Light over albedo is unknown there. A filter that takes it for black light darkens the surfaces around.
 
@@ -180,6 +180,26 @@ fn denoisers_keep_light_beside_black_materials() {
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn denoisers_keep_light_while_the_camera_moves() {
     assert_light_is_kept([black_and_white(), metal_mask()].map(moving), &ALL);
+}
+
+/// A floor of slats that are narrower than a pixel, with the sky between them.
+fn slats() -> Subject {
+    const EDGES: [f32; 2] = [0.016, 0.04];
+    let mut scene = empty("slats");
+    let material = add_material(&mut scene, matte());
+    let mut floor = Mesh { material, ..Mesh::default() };
+    for i in -40..40 {
+        let corner = vec3(i as f32 * EDGES[1], 0.0, 0.5 * SIZE);
+        append(&mut floor, quad(corner, EDGES[0] * Vec3::X, -SIZE * Vec3::Z, material));
+    }
+    place(&mut scene, floor);
+    lit(scene)
+}
+
+/// Samples hit surfaces beside the centres of pixels that show the sky.
+#[test]
+fn denoisers_keep_light_before_the_sky() {
+    assert_light_is_kept([slats()], &ALL.map(|(denoiser, _)| (denoiser, 4)));
 }
 
 #[test]

@@ -47,6 +47,12 @@ fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, before: Before, 
     return past;
 }
 
+fn count_dropped(at: u32, dropped: bool) {
+    if dropped {
+        tally_image[at] = add_tally(tally_image[at], 0u, 1u);
+    }
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -56,14 +62,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     let bits = guide_image[at];
     let material = hit_image[at].w & MATERIAL_MASK;
-    if bits.w == NO_NORMAL {
-        accumulated[at] = vec4<u32>(0u, 0u, 0u, material);
-        return;
-    }
-    let before = surface_before(pixel, hit_image[at], bits);
     let now = unpack_light(vec4<u32>(source[at].xyz, 0u));
     let is_told = source[at].w != 0u;
     let is_new = is_told && is_finite(now.matte) && is_finite(now.gloss);
+    if bits.w == NO_NORMAL {
+        // Samples beside the pixel's centre may have hit a surface.
+        accumulated[at] = vec4<u32>(select(vec3<u32>(0u), source[at].xyz, is_new), material);
+        count_dropped(at, is_told && !is_new);
+        return;
+    }
+    let before = surface_before(pixel, hit_image[at], bits);
     // Lobes that this frame's light has.
     let lobes = select(vec2<f32>(0.0), lobes_of(now), is_new);
     var dropped = is_told && !is_new;
@@ -102,7 +110,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let count = select(0.0, clamp(round(frames + select(0.0, 1.0, is_new)), 1.0, MOST_FRAMES), (found || is_new) && is_sound);
     let light = pack_light(SplitLight(matte, gloss, vec2<f32>(0.0)));
     accumulated[at] = vec4<u32>(select(vec3<u32>(0u), light.xyz, is_sound), material | (u32(count) << 24u));
-    if dropped || !is_sound {
-        tally_image[at] = add_tally(tally_image[at], 0u, 1u);
-    }
+    count_dropped(at, dropped || !is_sound);
 }

@@ -9,7 +9,7 @@
 //   original length. If the kernel's argument is above 0, noise of this amplitude is added to the features instead, as
 //   in the paper, for comparison.
 // - Pixels without a surface or without light, and those beyond the image's border, do not take part in the fit. Every
-//   pixel with a surface gets the fitted light.
+//   pixel with a surface gets the fitted light, and all others keep their own.
 // - Fitted light is clamped to the brightest light of the block.
 // - Specular and diffuse radiance are fitted one after the other if the scene has gloss. Pixels take part in the fit of the
 //   channels that their surfaces reflect. If these differ, each channel is fitted alone.
@@ -141,6 +141,11 @@ fn light_at(at: u32) -> SplitLight {
     return unpack_light(vec4<u32>(source[at].xyz, 0u));
 }
 
+// Light of a pixel that shows no surface at its centre.
+fn unfitted(at: u32) -> vec4<u32> {
+    return vec4<u32>(source[at].xyz, IS_FITTED);
+}
+
 fn lobe_at(at: u32, lobe: u32) -> vec3<f32> {
     let light = light_at(at);
     return select(light.matte, light.gloss, lobe == 1u);
@@ -224,7 +229,8 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
             let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
             let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
             if column >= 0 && row >= i32(pass_.row_begin) && row < i32(pass_.row_end) {
-                fitted[u32(row) * pass_.width + u32(column)] = vec4<u32>(0u);
+                let at = u32(row) * pass_.width + u32(column);
+                fitted[at] = select(vec4<u32>(0u), unfitted(at), guide_image[at].w == NO_NORMAL);
             }
         }
         return;
@@ -358,6 +364,6 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         }
         let at = u32(row) * pass_.width + u32(column);
         let light = pack_light(SplitLight(fitted_light[0][s], fitted_light[1][s], vec2<f32>(0.0)));
-        fitted[at] = select(vec4<u32>(light.xyz, IS_FITTED), vec4<u32>(0u), guide_image[at].w == NO_NORMAL);
+        fitted[at] = select(vec4<u32>(light.xyz, IS_FITTED), unfitted(at), guide_image[at].w == NO_NORMAL);
     }
 }

@@ -14,6 +14,8 @@
 // - If the right eye finds no history, the left eye's is used.
 // - Channels that a surface does not reflect keep their history, and pixels without a lobe are no history of pixels with
 //   it.
+// - If a pixel shows no surface at its centre, its samples may still have hit one beside it. Their light passes the filter
+//   unchanged.
 
 //!include frame grid projection split pack samples motion mirrored variance history light_change bindings
 
@@ -171,12 +173,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let bits = guide_image[at];
     let hit = hit_image[at].w;
     let material = hit & MATERIAL_MASK;
-    if bits.w == NO_NORMAL {
-        accumulated[at] = vec4<u32>(0u);
-        moments[at] = vec4<u32>(0u, 0u, 0u, material);
-        return;
-    }
-    let before = surface_before(pixel, hit_image[at], bits);
     var now = unpack_sampled(radiance[at]);
     let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
     var sampled = radiance[at].w != 0u;
@@ -186,6 +182,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         sampled = false;
         dropped = true;
     }
+    if bits.w == NO_NORMAL {
+        accumulated[at] = pack_light(SplitLight(unmarked(now.matte), unmarked(now.gloss), vec2<f32>(0.0)));
+        moments[at] = vec4<u32>(0u, 0u, 0u, material);
+        count_dropped(at, dropped);
+        return;
+    }
+    let before = surface_before(pixel, hit_image[at], bits);
     // Lobes that this frame's light has.
     let lobes = select(vec2<f32>(0.0), lobes_of(now), sampled);
     var past = Past();

@@ -1,5 +1,5 @@
-// Lists the pixels that the filter still has to do, and copies all others, whose light is finished or that have none, to the
-// other images of the filter.
+// Lists the pixels that the filter still has to do, and copies all others, whose light is finished or that show no surface,
+// to the other images of the filter.
 
 //!include frame grid projection split pack variance new_list bindings
 
@@ -9,12 +9,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
     let at = pixel_index(pixel);
     var is_listed = false;
     if !is_outside(pixel) {
-        let has_surface = guide_image[at].w != NO_NORMAL;
-        is_listed = has_surface && unpack_light(source[at]).a.x != FINISHED;
+        is_listed = guide_image[at].w != NO_NORMAL && unpack_light(source[at]).a.x != FINISHED;
         if !is_listed {
-            let light = select(vec4<u32>(0u), source[at], has_surface);
-            filtered[at] = light;
-            history[at] = light;
+            filtered[at] = source[at];
+            history[at] = source[at];
         }
     }
     append_together(at, is_listed, lane, UNFINISHED_GROUP);

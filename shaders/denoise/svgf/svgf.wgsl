@@ -30,7 +30,7 @@ fn main(
     let centre = unpack_light(source[at]);
     let bits = guide_image[at];
     if bits.w == NO_NORMAL {
-        filtered[at] = vec4<u32>(0u);
+        filtered[at] = source[at];
         return;
     }
     let step = 1 << pass_.args.iteration;

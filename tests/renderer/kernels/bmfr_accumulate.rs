@@ -171,7 +171,7 @@ fn compare(case: Case, cases: &mut Cases) {
     let previous = Constants { eyes, ..constants.clone() }.as_previous();
     let overrides = [("HAS_GLOSS", case.gloss), ("MARKS_ABSENT", true), ("HAS_MIRRORS", true)];
     for stripe in stripes() {
-        let guide = Wall::new(0.002, 0.2, 0.05).guides(&mut random, &constants, case.view);
+        let guide = Wall::new(0.002, 0.2, 0.15).guides(&mut random, &constants, case.view);
         let before = [0, case.view].map(|view| Before::new(&mut random, &constants, format, view, eyes[view]));
         let mut hit = || {
             let length = random.within(4.0..5.0) as f32;
@@ -211,8 +211,17 @@ fn compare(case: Case, cases: &mut Cases) {
             let at = constants.index(x, y);
             let (material, place) = (hit[at][3] & MATERIAL_MASK, format!("({x}, {y}) of {stripe:?}"));
             let Some(surface) = Surface::unpack(guide[at]) else {
-                cases.meet("no surface");
-                assert_eq!((got[at], counted[at]), ([0, 0, 0, material], tally[at]), "{place}");
+                let [x, y, z, told] = source[at];
+                let is_damaged = [x, y, z] == INFINITE[..3];
+                cases.meet(match (told, is_damaged) {
+                    (0, _) => "no surface and no light",
+                    (_, true) => "no surface and light that is not finite",
+                    (_, false) => "no surface",
+                });
+                let light = if is_damaged { [0; 3] } else { [x, y, z] };
+                assert_eq!(got[at], [light[0], light[1], light[2], material], "{place}");
+                let counts = Counts::unpack(tally[at]).with_dropped(u32::from(is_damaged));
+                assert_eq!(Counts::unpack(counted[at]), counts, "{place}");
                 continue;
             };
             let known: &[&Before] = match (case.has_history, case.view) {
@@ -259,6 +268,7 @@ const CASE: Case = Case { gloss: false, view: 1, has_history: true, least_fracti
 #[test]
 fn bmfr_starts_history_with_the_first_frame() {
     let met = ["no surface", "light", "light that is not finite", "nothing"];
+    let met = [&met[..], &["no surface and no light", "no surface and light that is not finite"]].concat();
     hold(Case { has_history: false, seed: 411, ..CASE }, &met);
 }
 

@@ -38,7 +38,7 @@ fn unfinished_pixels_are_listed_and_others_copied() {
         for (x, y) in stripe.pixels(WIDTH) {
             let at = constants.index(x, y);
             let (case, expected) = match (guide[at][3] == NO_NORMAL, finished[at]) {
-                (true, _) => ("no surface", [0; 4]),
+                (true, _) => ("no surface", source[at]),
                 (false, true) => ("finished", source[at]),
                 (false, false) => ("listed", before[at]),
             };

@@ -241,9 +241,14 @@ fn compare(case: Case, cases: &mut Cases) {
             let now = now(format, (eye, ray), hit[at], guide[at], radiance[at]);
             let place = format!("({x}, {y}) of {stripe:?}");
             let after = twin.pixel(y, &now, cases);
-            let dropped = after.as_ref().is_some_and(|after| after.dropped);
+            let dropped = after.as_ref().map_or(now.is_damaged(), |after| after.dropped);
             match after {
-                None => assert_eq!((light[at], moments[at]), ([0; 4], [0, 0, 0, now.material]), "{place}"),
+                None => {
+                    let own = now.light.filter(|_| !dropped).unwrap_or_default().unmarked();
+                    let own = Light { variance: DVec2::ZERO, ..own };
+                    let expected = (format.pack(&own), [0, 0, 0, now.material]);
+                    assert_eq!((light[at], moments[at]), expected, "{place}");
+                }
                 Some(after) => assert_pixel(format, light[at], moments[at], &after, &place),
             }
             let counts = Counts::unpack(tally[at]).with_dropped(u32::from(dropped));

@@ -57,6 +57,12 @@ pub struct Now {
     pub light: Option<Light>,
 }
 
+impl Now {
+    pub fn is_damaged(&self) -> bool {
+        self.light.as_ref().is_some_and(|light| !is_sound(light))
+    }
+}
+
 pub struct After {
     pub light: Light,
     /// Statistics before rounding of the frame count.

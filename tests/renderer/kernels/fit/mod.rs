@@ -172,8 +172,14 @@ fn compare(gloss: bool, index: u32, shape: Shape, lit: Lit, seed: u64, cases: &m
                     for (&(x, y), pixel) in places.iter().zip(&pixels).filter(|((_, y), _)| rows.contains(y)) {
                         let got = fitted[constants.index(x, y)];
                         let place = format!("({x}, {y}) of frame {index}, {shape:?}, {lit:?}, {stripe:?}");
-                        let (Some(fits), Some(surface)) = (&fits, &pixel.surface) else {
-                            cases.meet(if pixel.surface.is_none() { "no surface" } else { "a block without light" });
+                        let Some(surface) = &pixel.surface else {
+                            cases.meet("no surface");
+                            let [x, y, z, _] = source[constants.index(x, y)];
+                            assert_eq!(got, [x, y, z, SAMPLED], "{place}");
+                            continue;
+                        };
+                        let Some(fits) = &fits else {
+                            cases.meet("a block without light");
                             assert_eq!(got, [0; 4], "{place}");
                             continue;
                         };
