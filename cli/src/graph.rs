@@ -60,6 +60,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &flags.options().map_err(Failure::Input)?;
     let devices = usize::from(*virtual_devices);
     let loaded = setup::load_rig(options)?;
+    setup::tell_remarks(&loaded.scene);
     let config = setup::config(options, &loaded)?;
     let spec = config.spec(devices, loaded.tables.has_surfaces());
     let spec = FrameSpec { history_rows: spec.history_rows.map(|_| HISTORY_ROWS), ..spec };

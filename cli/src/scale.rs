@@ -36,6 +36,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut others = Others::begin();
     let tracing = Tracing::start(options)?;
     let loaded = setup::load_rig(options)?;
+    setup::tell_remarks(&loaded.scene);
     let begin = Instant::now();
     let most = args.counts.iter().copied().max().map_or(1, usize::from);
     let gpus = setup::open_devices(&policies[0], most)?;

@@ -103,7 +103,9 @@ fn flag(setting: &'static Setting) -> Arg {
         arg.action(ArgAction::SetTrue)
     } else {
         let may_be_negative = matches!(setting.group, Group::Scene | Group::Picture);
-        arg.value_name(setting.form).value_parser(parser(setting)).allow_hyphen_values(may_be_negative)
+        let arg = arg.value_name(setting.form).value_parser(parser(setting)).allow_hyphen_values(may_be_negative);
+        // The setting refuses such a number with a reason.
+        arg.allow_negative_numbers(true)
     };
     let arg = match setting.separator {
         Some(separator) if !(setting.words)().is_empty() => arg.action(ArgAction::Append).value_delimiter(separator),

@@ -36,6 +36,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::watch()?;
     let progress = Progress::text(prepared.render.quiet, prepared.render.json);
     let mut loaded = setup::load(&prepared.render)?;
+    setup::tell_remarks(&loaded.scene);
     let gpus = setup::open_devices(&prepared.render, usize::from(args.options.virtual_devices))?;
     let gpus = metering::meter(&prepared.render, &mut loaded, gpus, &progress)?;
     let tracing = Tracing::start(&prepared.render)?;
