@@ -2,6 +2,7 @@
 //! share.
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use super::built::{Built, depth};
 use super::cache::TreeCache;
@@ -18,6 +19,8 @@ use crate::scene::Scene;
 use crate::scene::budget::Budget;
 use crate::scene::motion::bake::deformed;
 
+/// Fewer rows are not worth a thread.
+const LEAST_PER_THREAD: usize = 4096;
 /// Upper bound on the bytes per instance while the tree over instances is built, including that tree.
 const INSTANCE_BYTES: usize = 1000;
 
@@ -123,18 +126,22 @@ impl Accel {
         room.budget.reserve((copies * room.stored_bytes()) as u64).map_err(refused)?.keep();
         let levels = self.push_nodes(&built, first_row)?;
         let order = built.order;
-        let mut firsts = vec![None; flat.len()];
         if self.triangles.is_empty() {
             // Most scenes have most triangles in their first tree.
             self.triangles.reserve_exact(order.len());
             self.shadings.reserve_exact(order.len());
         }
-        self.triangles.extend((first_row..).zip(&order).map(|(row, &i)| {
-            let first = *firsts[i as usize].get_or_insert(row);
-            flat.triangle(i as usize, first)
-        }));
+        self.triangles.resize(self.triangles.len() + order.len(), Triangle::default());
+        self.shadings.resize(self.triangles.len(), Shading::default());
+        let mut first_of = vec![None; flat.len()];
+        let firsts: Vec<u32> =
+            (first_row..).zip(&order).map(|(row, &i)| *first_of[i as usize].get_or_insert(row)).collect();
+        let own = first_row as usize..;
+        let rows = self.triangles[own.clone()].par_iter_mut().zip(&mut self.shadings[own]).zip(&order).zip(&firsts);
+        rows.with_min_len(LEAST_PER_THREAD).for_each(|(((triangle, shading), &i), &first)| {
+            (*triangle, *shading) = (flat.triangle(i as usize, first), flat.shading(i as usize));
+        });
         let triangles = || order.iter().map(|&i| i as usize);
-        self.shadings.extend(triangles().map(|i| flat.shading(i)));
         if present.colors {
             self.colors.extend(triangles().flat_map(|i| flat.colors(i)));
         }

@@ -2,6 +2,7 @@
 //! order in which the tree needs them, so that they are in memory only once.
 
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
+use rayon::prelude::*;
 
 use super::triangle::{Shading, TRIANGLE_ALPHA, Triangle, unit_normal};
 use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
@@ -103,7 +104,7 @@ impl<'a> Flat<'a> {
         self.triangles.reserve_exact(count);
         // Triangles without area are left out.
         let is_kept = |index: &usize| keeps_all || placed.normal(*index).is_some();
-        self.triangles.extend((0..count).filter(is_kept).map(|index| [number, index as u32]));
+        self.triangles.par_extend((0..count).into_par_iter().filter(is_kept).map(|index| [number, index as u32]));
         self.meshes.push(placed);
     }
 
