@@ -1,5 +1,5 @@
-//! Triangles of instances in world space, or of a mesh in its local space. Rows of the tables are made one by one, in the
-//! order in which the tree needs them, so that they are in memory only once.
+//! Triangles of instances in world space, or of a mesh in its local space. Rows of the tables are made one by one in the
+//! order of the tree, on all cores, so that they are in memory only once.
 
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
