@@ -9,6 +9,7 @@ so you can measure one again and keep the others. A test compares README.md and 
 import argparse
 import datetime
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -80,6 +81,10 @@ def measure(options, results):
     drivers = [Driver(command, program, options.out / "run") for command in ["", *options.driver]]
     if len({driver.full for driver in drivers}) < len(drivers):
         sys.exit(f"--driver runs no other driver than the installed one: {drivers[0].full}")
+    for driver in drivers[1:]:
+        # A command may run programs in a system of its own, which lacks the folder.
+        if options.scenes.exists() and subprocess.run([*driver.command, "test", "-d", options.scenes]).returncode != 0:
+            sys.exit(f"under --driver {shlex.join(driver.command)}, there is no {options.scenes}")
     for name in options.tables:
         meanwhile, begin = Meanwhile(), time.monotonic()
         used = drivers[:1] if name in ON_ONE_DRIVER else drivers

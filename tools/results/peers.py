@@ -54,7 +54,7 @@ def measure_peers(options, drivers):
         "readme_rows": {"peer": ["fast", RAW]},
         "note": f"{options.size} per eye, 4 samples per pixel. How many times as fast as Mitsuba with OIDN, of that quality, "
         "diptych reaches the same FLIP (0 is best), with and without a history of frames; below 1, diptych is slower. Both "
-        f"not denoised: at equal samples; diptych's FLIP is then lower. {OWN}",
+        f"not denoised: at equal samples. {OWN}",
         "columns": [
             column("scene", "scene"),
             column("peer", "OIDN"),
