@@ -15,8 +15,10 @@ from pathlib import Path
 # Okabe and Ito's colours (2008), which colour-blind readers can tell apart as well; cli/src/report/plot.rs has all but black.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 INK, GRID = "#282828", "#E1E1E1"
-WIDTH, HEIGHT = 800, 500
+WIDTH = 800
 LEFT, RIGHT, TOP, BOTTOM = 76, 776, 48, 446
+# The axis' title, and below it the legend's first row.
+TITLE, LEGEND = 488, 512
 
 OURS = "diptych"
 ROW = re.compile(r"^\| ([^|]+) \| (\d+) spp([^|]*) \| ([\d.]+) \| [^|]+ \| ([\d.]+) \|$", re.M)
@@ -82,21 +84,18 @@ def grid(x, y):
         yield f'<path d="M{LEFT} {y.at(tick):.1f}H{RIGHT}" stroke="{GRID}"/>'
         yield text(LEFT - 8, y.at(tick) + 5, f"{tick:g}", anchor="end")
     yield f'<path d="M{LEFT} {TOP}V{BOTTOM}H{RIGHT}" stroke="{INK}" fill="none"/>'
-    yield text((LEFT + RIGHT) / 2, HEIGHT - 12, "time of a stereo frame, ms", 16)
+    yield text((LEFT + RIGHT) / 2, TITLE, "time of a stereo frame, ms", 16)
     middle = (TOP + BOTTOM) / 2
     yield text(20, middle, "FLIP, mean of both eyes", 16, more=f' transform="rotate(-90 20 {middle:.0f})"')
 
 
 def legend(entries):
-    """Of names and functions that draw a mark at a place."""
-    wide, high = 6.7 * max(len(name) for name, _ in entries) + 34, 17 * len(entries) + 10
-    left, top = RIGHT - wide - 8, TOP + 6
-    frame = f'x="{left:.0f}" y="{top}" width="{wide:.0f}" height="{high}"'
-    yield f'<rect {frame} fill="#FFFFFF" fill-opacity="0.85" stroke="{GRID}"/>'
+    """Of names and functions that draw a mark at a place, in two columns."""
+    rows = -(-len(entries) // 2)
     for number, (name, mark) in enumerate(entries):
-        row = top + 17 * number + 14
-        yield mark(left + 14, row)
-        yield text(left + 26, row + 4, name, 12, "start")
+        x, y = (LEFT, (LEFT + RIGHT) / 2)[number // rows] + 14, LEGEND + 17 * (number % rows)
+        yield mark(x, y)
+        yield text(x + 12, y + 4, name, 12, "start")
 
 
 def dot(colour):
@@ -120,10 +119,12 @@ def chart(title, table):
     x = Axis([p[1] for _, points in lines for p in points] + [p[3] for p in read.alone], LEFT, RIGHT)
     y = Axis([p[2] for _, points in lines for p in points] + [p[4] for p in read.alone], BOTTOM, TOP)
     colours = {name: COLOURS[number % len(COLOURS)] for number, (name, _) in enumerate(lines)}
+    kinds = dict.fromkeys(p[1] for p in read.alone)
+    height = LEGEND + 17 * -(-(len(colours) + len(kinds)) // 2)
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}" '
         f'font-family="sans-serif" fill="{INK}">',
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="#FFFFFF"/>',
+        f'<rect width="{WIDTH}" height="{height}" fill="#FFFFFF"/>',
         text(WIDTH / 2, 30, title, 20),
         *grid(x, y),
     ]
@@ -141,7 +142,7 @@ def chart(title, table):
         dx, dy, anchor = (-7, 13, "end") if name.startswith(OURS) else (7, -6, "start")
         parts += [mark(px, py), text(px + dx, py + dy, label, 11, anchor, f' style="fill:{colours[name]}"')]
     entries = [(name, dot(colour)) for name, colour in colours.items()]
-    entries += [(f"{OURS}, {kind}", shape(kind, INK)) for kind in dict.fromkeys(p[1] for p in read.alone)]
+    entries += [(f"{OURS}, {kind}", shape(kind, INK)) for kind in kinds]
     return "\n".join([*parts, *legend(entries), "</svg>\n"])
 
 
