@@ -89,9 +89,8 @@ def grid(x, y):
     yield text(20, middle, "FLIP, mean of both eyes", 16, more=f' transform="rotate(-90 20 {middle:.0f})"')
 
 
-def legend(entries):
-    """Of names and functions that draw a mark at a place, in two columns."""
-    rows = -(-len(entries) // 2)
+def legend(entries, rows):
+    """Of names and functions that draw a mark at a place, in columns of so many rows."""
     for number, (name, mark) in enumerate(entries):
         x, y = (LEFT, (LEFT + RIGHT) / 2)[number // rows] + 14, LEGEND + 17 * (number % rows)
         yield mark(x, y)
@@ -119,8 +118,10 @@ def chart(title, table):
     x = Axis([p[1] for _, points in lines for p in points] + [p[3] for p in read.alone], LEFT, RIGHT)
     y = Axis([p[2] for _, points in lines for p in points] + [p[4] for p in read.alone], BOTTOM, TOP)
     colours = {name: COLOURS[number % len(COLOURS)] for number, (name, _) in enumerate(lines)}
-    kinds = dict.fromkeys(p[1] for p in read.alone)
-    height = LEGEND + 17 * -(-(len(colours) + len(kinds)) // 2)
+    entries = [(name, dot(colour)) for name, colour in colours.items()]
+    entries += [(f"{OURS}, {kind}", shape(kind, INK)) for kind in dict.fromkeys(p[1] for p in read.alone)]
+    rows = -(-len(entries) // 2)
+    height = LEGEND + 17 * rows
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{height}" viewBox="0 0 {WIDTH} {height}" '
         f'font-family="sans-serif" fill="{INK}">',
@@ -141,9 +142,7 @@ def chart(title, table):
         # Towards where no line is: ours fall on the left, the others' on the right.
         dx, dy, anchor = (-7, 13, "end") if name.startswith(OURS) else (7, -6, "start")
         parts += [mark(px, py), text(px + dx, py + dy, label, 11, anchor, f' style="fill:{colours[name]}"')]
-    entries = [(name, dot(colour)) for name, colour in colours.items()]
-    entries += [(f"{OURS}, {kind}", shape(kind, INK)) for kind in kinds]
-    return "\n".join([*parts, *legend(entries), "</svg>\n"])
+    return "\n".join([*parts, *legend(entries, rows), "</svg>\n"])
 
 
 def main():
