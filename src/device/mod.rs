@@ -133,6 +133,13 @@ impl GpuDevice {
         self.device.create_buffer(&wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false })
     }
 
+    /// Creates a buffer with these contents. If the device has failed, it stays empty.
+    pub(crate) fn filled(&self, label: &str, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        let buffer = self.buffer(label, contents.len() as u64, usage | wgpu::BufferUsages::COPY_DST);
+        self.queue.write_buffer(&buffer, 0, contents);
+        buffer
+    }
+
     /// Creates a buffer with these contents, from which commands copy.
     pub(crate) fn staged(&self, contents: impl ExactSizeIterator<Item = [u8; 16]>) -> wgpu::Buffer {
         let (size, usage) = (16 * contents.len() as u64, wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC);

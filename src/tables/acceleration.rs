@@ -11,8 +11,6 @@
 
 use std::ops::Range;
 
-use wgpu::util::DeviceExt;
-
 use super::SceneUpdate;
 use crate::accel::{Accel, Instance, SkinTriangle, Skinned, Triangle};
 use crate::device::GpuDevice;
@@ -73,11 +71,8 @@ impl Structures {
         let stored = is_bare.then_some(0..accel.triangles.len() as u32);
         let rows = accel.trees.iter().cloned().chain(stored).filter(|rows| !rows.is_empty());
         let bottoms: Vec<Bottom> = rows.map(|rows| bottom(gpu, accel, rows)).collect();
-        let corners = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-            label: Some("triangles' corners"),
-            contents: bytemuck::cast_slice(&accel.triangles),
-            usage: wgpu::BufferUsages::BLAS_INPUT,
-        });
+        let corners = bytemuck::cast_slice(&accel.triangles);
+        let corners = gpu.filled("triangles' corners", corners, wgpu::BufferUsages::BLAS_INPUT);
         let tlas = gpu.device.create_tlas(&wgpu::CreateTlasDescriptor {
             label: Some("instances"),
             max_instances: most as u32,
@@ -172,11 +167,9 @@ fn bottom(gpu: &GpuDevice, accel: &Accel, rows: Range<u32>) -> Bottom {
                 true => corners_of(i),
                 false => [corners_of(i)[0]; 3],
             };
-            gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-                label: Some("corners of opaque triangles, or of others"),
-                contents: bytemuck::cast_slice(&triangles.iter().enumerate().flat_map(corners).collect::<Vec<u32>>()),
-                usage: wgpu::BufferUsages::BLAS_INPUT,
-            })
+            let corners: Vec<u32> = triangles.iter().enumerate().flat_map(corners).collect();
+            let label = "corners of opaque triangles, or of others";
+            gpu.filled(label, bytemuck::cast_slice(&corners), wgpu::BufferUsages::BLAS_INPUT)
         });
         Geometry { size, indices }
     };
