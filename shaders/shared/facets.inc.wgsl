@@ -100,16 +100,21 @@ fn is_dispersive(s: Surface) -> bool {
     return s.etas.x != s.etas.z;
 }
 
-// Reflectance of a facet that is seen at the cosine `vh`.
+// Reflectance of a facet that is seen at the cosine `vh`. Only the clear fraction reflects all light beyond the critical
+// angle: the layer over the base passes light at all angles, since the base is as bright from inside as from outside.
 fn facet_reflectance(s: Surface, vh: f32) -> vec3<f32> {
+    let covered = fresnel(s.f0, s.f90, vh);
+    if !HAS_TRANSMISSION {
+        return covered;
+    }
+    var clear = fresnel(s.f0, s.f90, fresnel_cosine(vh, s.eta));
     if HAS_DISPERSION {
         if is_dispersive(s) {
-            let red = fresnel(s.f0, s.f90, fresnel_cosine(vh, s.etas.r)).r;
-            let blue = fresnel(s.f0, s.f90, fresnel_cosine(vh, s.etas.b)).b;
-            return vec3<f32>(red, fresnel(s.f0, s.f90, fresnel_cosine(vh, s.etas.g)).g, blue);
+            clear.r = fresnel(s.f0, s.f90, fresnel_cosine(vh, s.etas.r)).r;
+            clear.b = fresnel(s.f0, s.f90, fresnel_cosine(vh, s.etas.b)).b;
         }
     }
-    return fresnel(s.f0, s.f90, fresnel_cosine(vh, s.eta));
+    return covered * (1.0 - s.clear) + clear * s.clear;
 }
 
 // Fraction of light that a facet, seen at the cosine `vh`, leaves to transmission.

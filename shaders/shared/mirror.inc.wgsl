@@ -168,7 +168,7 @@ fn follow_mirrors(f: ptr<function, FirstHit>, direction: ptr<function, vec3<f32>
         let reflected = normalize(*direction + 2.0 * cosine * s.normal);
         // Interpolated normals may send rays to the wrong side of the surface, where their light ends.
         let is_reflected = dot(reflected, s.geometric_normal) > 0.0;
-        var reflectance = (*f).transmittance * fresnel(s.f0, s.f90, in_fresnel);
+        var reflectance = (*f).transmittance * facet_reflectance(s, cosine);
         var onward = reflected;
         let curvature = curvature_of(*f);
         var pencil = reflected_pencil(links.pencil, curvature, cosine);

@@ -39,6 +39,8 @@ struct Surface {
     // Colours of diffuse reflection and of the facets' transmission, before the layers above attenuate them.
     diffuse: vec3<f32>,
     transmitted: vec3<f32>,
+    // Fraction of the surface under whose facets there is no base: they transmit what they do not reflect.
+    clear: f32,
     // Colour of diffuse transmission, and the probability that the diffuse lobe sends a sample there.
     through: vec3<f32>,
     through_odds: f32,
@@ -275,6 +277,7 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
     var transmission = 0.0;
     if HAS_TRANSMISSION {
         transmission = p.transmission;
+        (*s).clear = (1.0 - metallic) * transmission;
         (*s).transmitted = (1.0 - metallic) * transmission * base;
         (*s).is_thin = (m.flags & THICK) == 0u;
         if !(*s).is_thin && m.ior >= 1.0 {

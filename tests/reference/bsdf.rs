@@ -187,31 +187,31 @@ impl Bsdf {
         }
     }
 
-    /// Returns the dielectric's Fresnel term for a facet that the viewer sees at that cosine.
-    fn dielectric_fresnel(&self, cosine: f64) -> DVec3 {
-        let [here, beyond] = self.indices();
-        let f90 = DVec3::splat(self.f90);
-        let outside = if here > beyond {
-            let sin2 = (here / beyond).powi(2) * (1.0 - cosine * cosine);
-            if sin2 >= 1.0 {
-                return f90;
-            }
-            (1.0 - sin2).sqrt()
-        } else {
-            cosine
-        };
-        self.f0.lerp(f90, schlick_weight(outside))
+    /// Returns the Fresnel term of the dielectric over the base for a facet that the viewer sees at that cosine. It is
+    /// that from outside on both sides.
+    fn covered_fresnel(&self, cosine: f64) -> DVec3 {
+        self.f0.lerp(DVec3::splat(self.f90), schlick_weight(cosine))
     }
 
-    /// Returns the Fresnel term of dielectric and metal, mixed by metalness.
+    /// Returns the Fresnel term of the fraction of the dielectric that transmits.
+    fn clear_fresnel(&self, cosine: f64) -> DVec3 {
+        let [here, beyond] = self.indices();
+        if here <= beyond {
+            return self.covered_fresnel(cosine);
+        }
+        let sin2 = (here / beyond).powi(2) * (1.0 - cosine * cosine);
+        if sin2 >= 1.0 { DVec3::splat(self.f90) } else { self.covered_fresnel((1.0 - sin2).sqrt()) }
+    }
+
+    /// Returns the Fresnel term of dielectric and metal, mixed by transmission and metalness.
     fn mixed_fresnel(&self, cosine: f64) -> DVec3 {
         let metal = self.metal_f0.lerp(DVec3::ONE, schlick_weight(cosine));
-        self.dielectric_fresnel(cosine).lerp(metal, self.metallic)
+        self.covered_fresnel(cosine).lerp(self.clear_fresnel(cosine), self.transmission).lerp(metal, self.metallic)
     }
 
-    /// Returns the fraction of light that the reflection leaves to the base.
+    /// Returns the fraction of light that the reflection leaves to transmission.
     fn under_reflection(&self, cosine: f64) -> f64 {
-        1.0 - self.dielectric_fresnel(cosine).max_element()
+        1.0 - self.clear_fresnel(cosine).max_element()
     }
 
     /// Returns the mean of that fraction over all facets that the viewer sees: rough facets reflect even if light is
@@ -228,7 +228,7 @@ impl Bsdf {
 
     /// Returns the diffuse lobe's fraction W.
     fn diffuse_share(&self, cos_facet: f64, cos_light: f64) -> f64 {
-        self.under_reflection(cos_facet).min(self.conserved_share(cos_light))
+        (1.0 - self.covered_fresnel(cos_facet).max_element()).min(self.conserved_share(cos_light))
     }
 
     /// Returns the fraction of Kelemen & Szirmay-Kalos, which loses what the layers on both ways reflect.

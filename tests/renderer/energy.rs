@@ -1,6 +1,6 @@
 //! A white furnace neither gains nor loses light.
 
-use crate::common::{Stage, Subject, is_thorough};
+use crate::common::{Stage, Subject, is_thorough, sampled};
 use crate::pictures::{brightest, seen};
 use crate::reference::scenes::studio::{CLEAR, glass};
 use crate::reference::scenes::{add_material, empty, icosphere, matte, place, place_at, quad, scaled_at};
@@ -10,7 +10,7 @@ use diptych::RunConfig;
 use diptych::frame::Sampler;
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::Aov;
-use diptych::scene::{Clearcoat, Environment, Material, Scene};
+use diptych::scene::{Clearcoat, DiffuseTransmission, Environment, Material, Scene};
 use glam::{Vec3, vec3};
 
 const WIDTH: u32 = 160;
@@ -109,15 +109,23 @@ fn white_materials() -> Vec<Material> {
     all
 }
 
+/// Returns white solids that transmit next to nothing, of six indices of refraction, each with four roughnesses.
+fn white_solids() -> Vec<Material> {
+    let solid = |ior| Material { ior, specular: 1.0, transmission: 1e-3, volume: CLEAR, ..matte() };
+    let kinds = [1.1, 1.33, 1.5, 1.8, 2.2, 2.5].map(solid);
+    let rough = |roughness: f32| kinds.clone().map(|kind| Material { roughness, ..kind });
+    [0.1, 0.25, 0.5, 1.0].map(rough).concat()
+}
+
 /// Returns six by four tiles in the plane y = 0 in front of a sky of 1, seen from an elevation of `elevation_deg` over
-/// the plane. Every path ends after one scattering.
-fn tiles(elevation_deg: f32) -> (Scene, Pinhole) {
+/// the plane, or from behind if it is negative. Every path ends after one scattering.
+fn tiles(materials: Vec<Material>, elevation_deg: f32) -> (Scene, Pinhole) {
     let mut scene = empty(&format!("tiles from {elevation_deg} degrees"));
     scene.environment = Environment::Constant(Vec3::ONE);
     let (sin, cos) = elevation_deg.to_radians().sin_cos();
     // Tiles are stretched against foreshortening, so that each is square in the picture.
-    let depth = 1.0 / sin;
-    for (i, material) in white_materials().into_iter().enumerate() {
+    let depth = 1.0 / sin.abs();
+    for (i, material) in materials.into_iter().enumerate() {
         let material = add_material(&mut scene, material);
         let corner = vec3((i % 6) as f32 - 3.0, 0.0, ((i / 6) as f32 - 2.0) * depth);
         place(&mut scene, quad(corner, depth * Vec3::Z, Vec3::X, material));
@@ -126,12 +134,12 @@ fn tiles(elevation_deg: f32) -> (Scene, Pinhole) {
     (scene, camera)
 }
 
-/// Returns balls of clear glass with flat facets, because refraction with smooth normals does not conserve energy.
-fn glass_balls() -> (Scene, Pinhole) {
-    let mut scene = empty("glass balls");
+/// Returns balls of three roughnesses with flat facets, because refraction with smooth normals does not conserve energy.
+fn balls(name: &str, of_roughness: impl Fn(f32) -> Material) -> (Scene, Pinhole) {
+    let mut scene = empty(name);
     scene.environment = Environment::Constant(Vec3::ONE);
     for (i, roughness) in [0.0, 0.3, 0.7].into_iter().enumerate() {
-        let material = add_material(&mut scene, Material { volume: CLEAR, ..glass(Vec3::ONE, roughness) });
+        let material = add_material(&mut scene, Material { volume: CLEAR, ..of_roughness(roughness) });
         place_at(&mut scene, icosphere(2, false, material), scaled_at(0.48, vec3(i as f32 - 1.0, 0.0, 0.0)));
     }
     (scene, Pinhole::looking_at(Vec3::Z * 50.0, Vec3::ZERO, Vec3::Y, 1.6))
@@ -161,12 +169,28 @@ fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn white_materials_gain_no_energy_in_a_furnace() {
     for elevation_deg in [25.0, 6.0, 70.0] {
-        hold_in_the_furnace(tiles(elevation_deg), 1);
+        hold_in_the_furnace(tiles(white_materials(), elevation_deg), 1);
+    }
+}
+
+/// Beyond the critical angle, facets reflect all light and leave none to the diffuse lobe.
+#[test]
+fn white_solids_gain_no_energy_from_inside() {
+    for elevation_deg in sampled([-25.0, -6.0, -70.0], 3) {
+        hold_in_the_furnace(tiles(white_solids(), elevation_deg), 1);
     }
 }
 
 #[test]
 #[ignore = "takes many samples: `make test-full` runs it"]
 fn white_glass_gains_no_energy_in_a_furnace() {
-    hold_in_the_furnace(glass_balls(), 16);
+    hold_in_the_furnace(balls("glass balls", |roughness| glass(Vec3::ONE, roughness)), 16);
+}
+
+#[test]
+#[ignore = "takes many samples: `make test-full` runs it"]
+fn white_lampshades_gain_no_energy_in_a_furnace() {
+    let through = DiffuseTransmission { factor: 0.8, color: Vec3::ONE, ..DiffuseTransmission::default() };
+    let shade = |roughness| Material { diffuse_transmission: through, specular: 1.0, roughness, ..matte() };
+    hold_in_the_furnace(balls("lampshades", shade), 16);
 }
