@@ -55,15 +55,14 @@ impl Group {
 }
 
 /// Returns the HTML of the viewer. Initially, it shows the first picture on the left of the line. On the right, it
-/// shows the first picture of the last group or, with a single group, the second picture. All pictures must have the
-/// same size.
+/// shows the first picture of the last group or, with a single group, the second picture, if there is one. There must be
+/// a picture, and all must have the same size.
 ///
 /// # Errors
 /// [`ReportError::Encoding`].
 pub fn viewer(groups: &[Group]) -> Result<String, ReportError> {
-    let (mut options, mut stage, mut number) = (String::new(), String::new(), 0);
+    let (mut options, mut stage, mut number) = (String::new(), String::new(), 0usize);
     let before_last = groups.iter().rev().skip(1).map(|g| g.pictures.len()).sum::<usize>();
-    let right = before_last.max(1);
     for group in groups {
         options += &format!("<optgroup label=\"{}\">", escape(&group.name));
         for Picture { name, image } in &group.pictures {
@@ -75,6 +74,7 @@ pub fn viewer(groups: &[Group]) -> Result<String, ReportError> {
         }
         options += "</optgroup>";
     }
+    let right = before_last.max(1).min(number - 1);
     Ok(format!(
         "<div class=\"viewer\" data-right=\"{right}\">\n<div class=\"controls\">\n\
          <label>Left <select class=\"left\">{options}</select></label>\n\
@@ -106,6 +106,9 @@ mod tests {
         let html = viewer(&[frame, Group::of_frame("reference".into(), &reference, 0.0)]).unwrap();
         assert_eq!((html.matches("<img").count(), html.matches("<option ").count()), (6, 12));
         assert!(html.contains("alt=\"a &lt;b&gt;: left eye\"") && html.contains("data-right=\"4\""), "{html}");
+        let lone = Picture { name: "lone".into(), image: tonemap(linear.left(), 0.0, ToneCurve::Reinhard) };
+        let lone = viewer(&[Group { name: "map".into(), pictures: vec![lone] }]).unwrap();
+        assert!(lone.contains("data-right=\"0\""), "{lone}");
         let encoded = html.split("base64,").nth(1).unwrap().split('"').next().unwrap();
         let png = ::image::load_from_memory(&STANDARD.decode(encoded).unwrap()).unwrap().into_rgb8();
         assert_eq!(

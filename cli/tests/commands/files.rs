@@ -133,7 +133,7 @@ fn csv_files_are_tidy() {
         assert_eq!(columns.iter().collect::<BTreeSet<_>>().len(), columns.len(), "{name}/{file}: {columns:?}");
         assert!(!lines.is_empty(), "{name}/{file}");
         for (column, cell) in lines.iter().flat_map(|line| columns.iter().zip(line)) {
-            let is_name = ["resolution", "stands_for", "scene", "cause"].contains(&column.as_str());
+            let is_name = ["resolution", "stands_for", "scene", "arrangement", "cause"].contains(&column.as_str());
             let is_one = !cell.contains([' ', ',', '%', '±']) && cell != "-";
             assert!(is_name || is_one, "{name}/{file}: {column} is '{cell}'");
         }

@@ -9,14 +9,14 @@ use diptych::quality::{Denoiser, Filter, Quality};
 use diptych::samples::Samples;
 use diptych::scene::shot::Gaze;
 
-/// Samples, bounces, iterations, render scale and foveal radii of a frame.
+/// Samples, bounces, iterations (at most those of the denoiser), render scale and foveal radii of a frame.
 type Numbers = (f64, u32, u32, f64, Option<[f64; 2]>);
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
     Quality {
         spp: Samples::of_mean(spp),
         bounces,
-        filter: Some(Filter { denoiser, iterations: [iterations; 3] }),
+        filter: Some(Filter::new(denoiser, iterations.min(denoiser.most_iterations()))),
         scale,
         fovea,
         polar: None,
@@ -43,9 +43,9 @@ fn play(subject: &Subject, settings: &RunConfig, devices: usize) -> Vec<Frame> {
     let mut settings = settings.clone();
     (settings.envelope.most.spp, settings.envelope.mixes_spp, settings.envelope.most.scale) =
         (Samples::of_mean(3.5), true, 0.5);
-    foveate(&mut settings, gaze(), Foveation::default(), [4; 3]);
-    let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
     let denoiser = settings.denoiser().unwrap();
+    foveate(&mut settings, gaze(), Foveation::default(), [4.min(denoiser.most_iterations()); 3]);
+    let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
     let frame = |(i, numbers): (usize, &Numbers)| {
         let quality = quality(denoiser, *numbers);
         stage.set(move |params| params.quality = quality);
@@ -80,7 +80,7 @@ fn same_bytes_of_history_across_quality_changes() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
-        settings.envelope.most.filter = Some(Filter { denoiser, iterations: [5; 3] });
+        settings.envelope.most.filter = Some(Filter::new(denoiser, 5.min(denoiser.most_iterations())));
         let [one, three] = [1, 3].map(|devices| play(&subject, &settings, devices));
         assert_same_frames(&format!("{denoiser:?}"), &one, &three);
     }
@@ -91,7 +91,7 @@ fn exposure_changes_display_images_but_not_radiance() {
     let subject = Subject::load("builtin:studio");
     for denoiser in sampled([Denoiser::SVGF, Denoiser::BMFR], 2) {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
-        settings.envelope.most.filter = Some(Filter { denoiser, iterations: [5; 3] });
+        settings.envelope.most.filter = Some(Filter::new(denoiser, 5.min(denoiser.most_iterations())));
         let images = |ev_of: &dyn Fn(u32) -> f32| {
             let mut stage = Stage::even(&subject, &settings, 2);
             let frame = |index: u32| {
