@@ -1,41 +1,8 @@
-# make demo    renders eight frames of the built-in scene on two virtual devices, with a stereo picture and a
-#              trace-file; and eight frames of an animated scene, with all of them in one picture
-# make lint    checks the format, lints with clippy, builds the documentation and checks links between documents
-# make test    builds and runs the quick tests, in the profile `tests` of Cargo.toml
-# make test-no-adapter    runs the quick tests that need no graphics adapter. ARGS="--features view,xr": with features
-# make test-full    runs all tests with full sweeps and many samples, also those of the studies and of `info --check`,
-#              and those that need third-party scenes or Chromium
-# make test-view    tests the window of `diptych view`, which needs Xvfb and xdotool
-# make test-hardware-rays    tests the renderer with hardware ray queries; fails without a device that supports them
-# make test-mpi    builds the program with MPI and runs it on 1, 2 and 4 ranks of this machine, and again with MPICH if
-#              mpicc.mpich exists. Installs OpenMPI if no MPI is found and apt-get exists. SOAK=10000: also 10000 frames
-#              on 4 ranks
-# make test-xr    builds the program with OpenXR and runs it in Monado's simulated headsets, or in the headset of the
-#              runtime that XR_RUNTIME_JSON names; fails without either, unless NO_XR=skip
-# make python    builds the Python package and tests it in a new virtual environment, out/python/venv. Needs Python 3.10
-# make archive    packs the program with licences, manual pages and shell completions into out/archive
-# make golden    hashes the images of many kinds of frames into out/golden.txt. BEFORE=FILE: compares with another build
-# make release-check    runs all of these, and writes docs/results/release-check.md. STEPS="lint test": only these.
-#              NEWER_MESA=COMMAND: also under a second driver, where COMMAND runs another command under that driver
-# make gpu-kernels    compiles all kernels for GPUs that this machine need not have, and compares their registers,
-#              memory and occupancy with docs/results/results.json. NEWER_MESA=COMMAND: Mesa 25, where COMMAND runs
-#              another command under it; ARGS=--accept: writes figures that are worse
-# make peers    measures diptych beside Mitsuba 3 with OIDN: out/peers/NAME/NAME.md and .svg. SHOT=FILE: another shot;
-#                HISTORY=1: also gives Mitsuba the history of earlier frames
-# make numbers    measures the tables of README.md and docs/results/results.md again, on an idle machine.
-#              TABLES="scale play": only these; SCENES=DIR: with third-party scenes; NEWER_MESA=COMMAND: also under the
-#              driver with which COMMAND runs commands; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes,
-#              in out/numbers/smoke
-# make docs    builds the documentation as a site, with the reference of the library: out/docs. Needs mdBook
-# make deps    checks for a Vulkan driver and compilers. Installs Mesa's driver if none is found and apt-get exists.
-#              Warns about an old, slow software driver
-# make clean
+# CONTRIBUTING.md lists the targets with their variables. Without one, `make` runs `make demo`.
 #
-# FEATURES=view,xr builds the program with these features, except in targets of tests.
-# RUN=COMMAND runs tests, golden and their programs by that command, for example under another driver.
-# Everything else is built in the release profile, so that the program and the benchmarks share one build of each
-# dependency. `make lint` uses the profile of `make test`: clippy and the documentation share one check of each
-# dependency, and the tests share the build scripts and procedural macros.
+# `make lint` uses the profile of `make test`: clippy and the documentation share one check of each dependency, and the
+# tests share the build scripts and procedural macros. Everything else is built in the release profile, so that the
+# program and the benchmarks share one build of each dependency.
 
 CARGO ?= cargo
 RUSTC ?= rustc
