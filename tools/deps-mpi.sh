@@ -3,8 +3,18 @@
 # its headers. If one is missing and apt-get exists, installs it.
 set -eu
 
-if command -v mpirun >/dev/null 2>&1 && command -v mpicc >/dev/null 2>&1 &&
-    { [ -n "${LIBCLANG_PATH:-}" ] || ls /usr/lib/*/libclang*.so* /usr/lib/llvm-*/lib/libclang*.so* >/dev/null 2>&1; }; then
+# libclang-cpp, which comes with some drivers, is another library.
+has_libclang() {
+    [ -z "${LIBCLANG_PATH:-}" ] || return 0
+    for folder in /usr/lib/*/ /usr/lib/llvm-*/lib/; do
+        for file in "$folder"libclang.so* "$folder"libclang-[0-9]*.so*; do
+            [ ! -e "$file" ] || return 0
+        done
+    done
+    return 1
+}
+
+if command -v mpirun >/dev/null 2>&1 && command -v mpicc >/dev/null 2>&1 && has_libclang; then
     exit 0
 fi
 if ! command -v apt-get >/dev/null 2>&1; then
