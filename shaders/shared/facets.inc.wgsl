@@ -101,7 +101,8 @@ fn is_dispersive(s: Surface) -> bool {
 }
 
 // Reflectance of a facet that is seen at the cosine `vh`. Only the clear fraction reflects all light beyond the critical
-// angle: the layer over the base passes light at all angles, since the base is as bright from inside as from outside.
+// angle. Over the base, the layer reflects from inside as from outside: the base scatters at all angles, so total
+// reflection beside it would make light.
 fn facet_reflectance(s: Surface, vh: f32) -> vec3<f32> {
     let covered = fresnel(s.f0, s.f90, vh);
     if !HAS_TRANSMISSION {
