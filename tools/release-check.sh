@@ -149,10 +149,11 @@ for step in $steps; do
     echo "release-check: $step: $result $remark"
 done
 
-# Names of the driver $1, under which the command $2 runs the program. They are saved for runs without that command.
+# Names of the driver $1, under which the command $2 runs the program. They are saved for runs without that command, and
+# for programs with features that the command's system cannot run.
 driver() {
-    [ -z "$(program)" ] || devices "$2" driver | paste -s -d , - >"$state/$1.part"
-    [ ! -s "$state/$1.part" ] || mv "$state/$1.part" "$state/$1"
+    found=$([ -z "$(program)" ] || devices "$2" driver | paste -s -d , -)
+    [ -z "$found" ] || echo "$found" >"$state/$1"
     cat "$state/$1" 2>/dev/null || echo unknown
 }
 
