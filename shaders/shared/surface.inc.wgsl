@@ -278,7 +278,7 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
     if HAS_TRANSMISSION {
         transmission = p.transmission;
         (*s).clear = (1.0 - metallic) * transmission;
-        (*s).transmitted = (1.0 - metallic) * transmission * base;
+        (*s).transmitted = (*s).clear * base;
         (*s).is_thin = (m.flags & THICK) == 0u;
         if !(*s).is_thin && m.ior >= 1.0 {
             (*s).eta = select(1.0 / m.ior, m.ior, (*s).is_front);

@@ -173,7 +173,7 @@ fn white_materials_gain_no_energy_in_a_furnace() {
     }
 }
 
-/// Beyond the critical angle, facets reflect all light and leave none to the diffuse lobe.
+/// What the base scatters and what is reflected totally must not be more than what arrives.
 #[test]
 fn white_solids_gain_no_energy_from_inside() {
     for elevation_deg in sampled([-25.0, -6.0, -70.0], 3) {
