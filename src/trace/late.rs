@@ -298,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_planned_over_the_period_are_late_as_expected() {
+    fn frames_planned_over_the_period_are_late() {
         let mut run = Run::new();
         assert_eq!(run.with([0.0, 1.0, 15.0, 2.0, 1.0], 18.0, None, None).as_deref(), Some("path_trace on device 1"));
         assert_eq!(run.with([0.0, 1.0, 9.0, 7.0, 1.0], 20.0, None, Some(0.05)).as_deref(), Some(EXPECTED));

@@ -244,7 +244,7 @@ fn library_does_not_change_the_environment() {
 }
 
 #[test]
-fn imports_are_found_in_trees_exports_and_inline_paths() {
+fn imports_are_found_in_trees_exports_and_paths() {
     let root = ("lib.rs", "pub mod a; pub mod b;");
     let straight = ("a/mod.rs", "mod one; mod two; pub use one::One; pub(crate) use two::Two;");
     let two = ("a/two.rs", "use super::One; pub(crate) struct Two(One); mod tests { use super::super::super::b::B; }");

@@ -53,8 +53,9 @@ def measure_peers(options, drivers):
         "readme": "## Results",
         "readme_rows": {"peer": ["fast", RAW]},
         "note": f"{options.size} per eye, 4 samples per pixel. How many times as fast as Mitsuba with OIDN, of that quality, "
-        "diptych reaches the same FLIP (0 is best), with and without a history of frames; below 1, diptych is slower. Both "
-        f"not denoised: at equal samples. {OWN}",
+        "diptych reaches the same FLIP (0 is best), in a first frame and with a history of frames. Both with: Mitsuba has a "
+        "history, too, and therefore a lower FLIP to reach. Below 1, diptych is slower. Both not denoised: at equal "
+        f"samples. {OWN}",
         "columns": [
             column("scene", "scene"),
             column("peer", "OIDN"),
