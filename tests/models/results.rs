@@ -56,7 +56,7 @@ fn published_results_are_complete_and_name_no_path() {
     }
 }
 
-/// Tables replace those of their sections or of their own comments, with each kind of cell and a caption.
+/// Pages have all rows, and README.md those that a table selects, with each kind of cell and a caption.
 #[test]
 fn script_writes_the_measured_figures() {
     let column = |key: &str, title: &str| json!({ "key": key, "title": title });
@@ -76,10 +76,10 @@ fn script_writes_the_measured_figures() {
             "measured": measured,
         })
     };
+    let readme = json!({ "rows": { "n": [2, 3] }, "columns": ["scene", "kept"], "note": "Some." });
     let results = json!({ "tables": {
-        "new": table("New", json!("## New"), json!(0.0123), json!(["garage (no files)"])),
-        "old": table("Old", json!("## Old"), Value::Null, json!([])),
-        "kept": table("Kept", json!("## Old"), json!(0.0), json!([])),
+        "new": table("New: 1 of 2", readme, json!(0.0123), json!(["garage (no files)"])),
+        "old": table("Old", Value::Null, Value::Null, json!([])),
         "more": table("More", Value::Null, json!(0.0), json!([])),
     } });
     let text = |more: &str| {
@@ -88,16 +88,18 @@ fn script_writes_the_measured_figures() {
              *A note. 2 cores of Processor; A 1; B 2. Commit 0123456, 2026-01-31{more}*\n"
         )
     };
-    let kept = text("; other programs took 0.0 % of the cores.");
-    let new = text("; other programs took 1.2 % of the cores. Not measured: garage (no files).");
-    let block = |name: &str, text: &str| format!("<!-- results: {name} -->\n{text}<!-- /results -->\n");
-    let readme = |old: &str, kept: &str, new: &str| {
-        format!("# Name\n\n## Old\n\nWords.\n\n{old}\nMore.\n\n{kept}\n## New\n\nAlone.\n{new}\n## Other\n\n| a |\n")
-    };
-    let before = readme("| a |\n| --- |\n| 1 |\n\n*A caption.*\n", &block("kept", "| stale |\n"), "");
-    let Some(once) = rendered(&[before, String::new(), results.to_string()]) else { return };
-    let new = format!("\n{}", block("new", &new));
-    assert_eq!(once[0], readme(&block("old", &text(".")), &block("kept", &kept), &new));
-    assert!(once[1].contains(&format!("\n## More\n\n{kept}")), "{}", once[1]);
+    let readme = |rows: &str| format!("# Name\n\n<!-- results: new -->\n{rows}<!-- /results -->\n\n| a |\n");
+    let Some(once) = rendered(&[readme("| stale |\n"), String::new(), results.to_string()]) else { return };
+    let short = "| of | kept |\n| --- | --- |\n| atrium | 93.8 % |\n\n*Some. [All rows](docs/results/results.md#new-1-of-2): \
+                 commit 0123456, 2 cores of Processor.*\n";
+    assert_eq!(once[0], readme(short));
+    let captions = [
+        "; other programs took 1.2 % of the cores. Not measured: garage (no files).",
+        ".",
+        "; other programs took 0.0 % of the cores.",
+    ];
+    for (title, caption) in ["New: 1 of 2", "Old", "More"].into_iter().zip(captions) {
+        assert!(once[1].contains(&format!("\n## {title}\n\n{}", text(caption))), "{}", once[1]);
+    }
     assert_eq!(rendered(&once).unwrap(), once);
 }

@@ -101,8 +101,11 @@ def measure_play(options, drivers):
             rows.append(row | {"least": runs[0]["in_band_share"], "most": runs[-1]["in_band_share"]})
     yield "play", {
         "title": "Frames within a budget of 11 to 20 ms",
-        "readme": "## Play inside a budget",
-        "readme_rows": {"driver": [drivers[-1].name]},
+        "readme": {
+            "rows": {"driver": [drivers[0].name]},
+            "columns": ["scene", "size", "in_band_share", "least", "missed_fraction", "makespan_ms_p50", "makespan_ms_p99"],
+            "note": f"Two devices on {drivers[0].name}, {options.plays} runs.",
+        },
         "note": f"`play --virtual 2 --threads-per-device 1 --fit --budget-ms 11..20 --frames {options.play_frames}`: "
         f"of {options.plays} runs, the one with the median percentage of frames within the budget; least and most are "
         "those of all runs. Frames in which the controller settles do not count.",
@@ -151,8 +154,11 @@ def measure_scale(options, drivers):
                         rows.append(row)
     yield "scale", {
         "title": "Speed-up over device counts",
-        "readme": "## Scale over devices",
-        "readme_rows": {"driver": [drivers[-1].name], "scene": ["atrium", "gallery"]},
+        "readme": {
+            "rows": {"driver": [drivers[0].name], "scene": ["atrium", "gallery"], "devices": [2, 4, 8]},
+            "columns": ["scene", "source", "devices", "speedup", "speedup_low", "speedup_high", "limit", "off"],
+            "note": f"{options.scale_size} per eye, {drivers[0].name}, 95 % intervals; simulations are off by that much.",
+        },
         "note": f"{options.scale_size} per eye, 1 sample per pixel, devices of one thread; speed-up over one device, with its "
         "95 % interval over turns. Simulations know the costs that were measured on two devices; those of two are off by "
         "the given percentage.",

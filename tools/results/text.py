@@ -18,18 +18,30 @@ def line(cells):
     return "| " + " | ".join(cells) + " |\n"
 
 
-def table_text(table, rows=None):
-    """The rows, or only those whose values are among `rows`, and, below, their caption."""
-    columns, measured = table["columns"], table["measured"]
-    shown = [row for row in table["rows"] if all(row[key] in values for key, values in (rows or {}).items())]
+def rows_text(columns, rows):
     text = line([c["title"] for c in columns]) + line(["---"] * len(columns))
-    text += "".join(line([cell(c, row) for c in columns]) for row in shown)
+    return text + "".join(line([cell(c, row) for c in columns]) for row in rows)
+
+
+def table_text(table):
+    """All rows and, below, their caption."""
+    measured = table["measured"]
     caption = f"{table['note']} {measured['machine']}; {'; '.join(measured['drivers'])}."
     caption += f" Commit {measured['commit']}, {measured['date']}"
     if measured["others"] is not None:
         caption += f"; other programs took {measured['others'] * 100:.1f} % of the cores"
     absent = "".join(f" Not measured: {what}." for what in table["absent"])
-    return f"{text}\n*{caption}.{absent}*\n"
+    return f"{rows_text(table['columns'], table['rows'])}\n*{caption}.{absent}*\n"
+
+
+def short_text(table):
+    """The rows and columns of README.md, with a link to all others."""
+    readme, measured = table["readme"], table["measured"]
+    columns = [c for c in table["columns"] if c["key"] in readme["columns"]]
+    rows = [row for row in table["rows"] if all(row[key] in values for key, values in readme["rows"].items())]
+    anchor = re.sub(r"[^\w -]", "", table["title"].lower()).replace(" ", "-")
+    where = f"[All rows](docs/results/results.md#{anchor}): commit {measured['commit']}, {measured['machine']}."
+    return f"{rows_text(columns, rows)}\n*{readme['note']} {where}*\n"
 
 
 def page(results):
@@ -43,20 +55,12 @@ def page(results):
 
 
 def with_table(readme, name, table):
-    """README.md's text with the table in its block or, before it has one, in place of the first table of its section."""
+    """README.md's text with the table in its block."""
     begin, end = f"<!-- results: {name} -->\n", "<!-- /results -->\n"
-    block = begin + table_text(table, table.get("readme_rows")) + end
-    if begin in readme:
-        before, rest = readme.split(begin, 1)
-        return before + block + rest.split(end, 1)[1]
-    section = re.search(rf"^{re.escape(table['readme'])}\n.*?(?=^##|\Z)", readme, re.M | re.S)
-    if not section:
-        sys.exit(f"README.md has neither {begin.strip()} nor the heading {table['readme']}")
-    # A table that begins a paragraph, with its caption. Tables of blocks follow a comment instead.
-    changed, found = re.subn(r"(?<=\n\n)(\|.*\n)+(\n\*.*\*\n)?", lambda _: block, section[0], count=1)
-    if not found:
-        changed = f"{section[0].rstrip()}\n\n{block}\n"
-    return readme[: section.start()] + changed + readme[section.end() :]
+    if begin not in readme:
+        sys.exit(f"README.md lacks {begin.strip()}")
+    before, rest = readme.split(begin, 1)
+    return before + begin + short_text(table) + end + rest.split(end, 1)[1]
 
 
 def json_text(results):
