@@ -54,7 +54,8 @@ def measure_loop(options, drivers):
         "readme": None,
         "note": f"{options.loop_size} per eye, {options.loop_frames} frames, means of {options.plays} runs in turns. The "
         "oracle plays the single rung of the measured ladder with the least FLIP of those that miss at most "
-        f"{MISSED * 100:.0f} % of the display periods, or as many as the loop.",
+        f"{MISSED * 100:.0f} % of the display periods, or as many as the loop. The loop changes between rungs, and the built-in "
+        "ladder has others, so either may have less error than the oracle.",
         "columns": [
             column("scene", "scene"),
             column("driver", "driver"),
